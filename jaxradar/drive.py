@@ -1,0 +1,222 @@
+"""One drive as recorded: what every reader gives and every detector takes.
+
+NumPy alone, so that the runtime on the device can hold one too. Times are integer nanoseconds that count from the
+first sweep of the drive, whichever sensor made it: float32 seconds are 7.8 ms apart after a day, and differences are
+taken in integers before anything is cast. The form on disk is in `jaxradar.drivefile`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from enum import IntFlag
+from typing import Any
+
+import numpy as np
+
+__all__ = ["Channel", "Drive", "Motion", "Mounting", "RoadStep", "SensorSeries", "SweepFlag", "Truth"]
+
+NANOSECONDS = 1_000_000_000
+SWEEP_DTYPES = (np.dtype(np.uint16), np.dtype(np.float32), np.dtype(np.float64))
+
+
+class SweepFlag(IntFlag):
+    """What the sensor, or the reader, said of one sweep. A sweep is *invalid* if any flag of `INVALID` is set."""
+
+    MISSED_DATA = 1
+    SATURATED = 2
+    QUALITY_WARNING = 4
+    COMMUNICATION_ERROR = 8
+    NO_AMPLITUDES = 16  # a time was logged, but no amplitudes: the lab's program leaves such rows on a failed read
+    INVALID = MISSED_DATA | COMMUNICATION_ERROR | NO_AMPLITUDES
+
+
+def _times(values: Any, name: str) -> np.ndarray:
+    times = np.asarray(values)
+    if times.ndim != 1 or times.dtype != np.int64:
+        raise ValueError(f"`{name}` must be a vector of int64 nanoseconds; got {times.dtype} of shape {times.shape}.")
+    return times
+
+
+@dataclass(frozen=True, eq=False)
+class SensorSeries:
+    """All sweeps of one sensor.
+
+    - `sensor`: its number on the connector board (the lab's program writes it into the file name, `3.csv`).
+    - `times_ns`: (sweeps,) int64, since the first sweep of the drive; as recorded, so it may jitter, stand still or
+      go back.
+    - `sweeps`: (sweeps, bins), envelope in ADC counts; uint16 as the sensor gives it, float32 or float64 if the log
+      holds anything else. Possibly a read-only memory map.
+    - `range_m`: (bins,) float64, strictly increasing slant range of each bin in metres, as the log states it.
+    - `flags`: (sweeps,) uint16 of `SweepFlag`.
+    - `spec`: how the sensor was set, under the maker's own keys (`profile`, `update_rate`, ...), as far as the log says.
+
+    Raises `ValueError` if the shapes or dtypes disagree.
+    """
+
+    sensor: int
+    times_ns: np.ndarray
+    sweeps: np.ndarray
+    range_m: np.ndarray
+    flags: np.ndarray
+    spec: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        count = len(_times(self.times_ns, "SensorSeries(times_ns=...)"))
+        if self.sweeps.dtype not in SWEEP_DTYPES:
+            raise ValueError(
+                f"`SensorSeries(sweeps=...)` must be uint16, float32 or float64; got {self.sweeps.dtype}."
+            )
+        if self.range_m.ndim != 1 or self.range_m.dtype != np.float64 or len(self.range_m) < 2:
+            raise ValueError(
+                "`SensorSeries(range_m=...)` must be a float64 vector of at least 2 bins; "
+                f"got {self.range_m.dtype} of shape {self.range_m.shape}."
+            )
+        if not (np.isfinite(self.range_m).all() and (np.diff(self.range_m) > 0).all()):
+            raise ValueError("`SensorSeries(range_m=...)` must be finite and strictly increasing.")
+        if self.sweeps.shape != (count, len(self.range_m)):
+            raise ValueError(
+                f"`SensorSeries(sweeps=...)` must have shape (sweeps, bins) = {(count, len(self.range_m))}; "
+                f"got {self.sweeps.shape}."
+            )
+        if self.flags.shape != (count,) or self.flags.dtype != np.uint16:
+            raise ValueError(
+                f"`SensorSeries(flags=...)` must be uint16 of shape {(count,)}; "
+                f"got {self.flags.dtype} of shape {self.flags.shape}."
+            )
+
+    def __len__(self) -> int:
+        return len(self.times_ns)
+
+    @property
+    def times_s(self) -> np.ndarray:
+        """(sweeps,) float64 seconds since the first sweep of the drive."""
+        return self.times_ns / NANOSECONDS
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first sweep to the last in time; 0 for fewer than two sweeps."""
+        return float(self.times_ns.max() - self.times_ns.min()) / NANOSECONDS if len(self) else 0.0
+
+    @property
+    def sweep_rate_hz(self) -> float | None:
+        """One over the median of the positive time differences; None where there is none."""
+        steps = np.diff(self.times_ns)
+        steps = steps[steps > 0]
+        return float(NANOSECONDS / np.median(steps)) if steps.size else None
+
+    @property
+    def bin_m(self) -> float:
+        """Mean distance of two neighbouring range bins in metres."""
+        return float((self.range_m[-1] - self.range_m[0]) / (len(self.range_m) - 1))
+
+    @property
+    def invalid(self) -> np.ndarray:
+        """(sweeps,) bool: the sensor or the reader says that there is no echo to be used."""
+        return (self.flags & SweepFlag.INVALID) != 0
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One quantity over time: `times_ns` (n,) int64 since the first sweep of the drive, `values` (n,) float64."""
+
+    times_ns: np.ndarray
+    values: np.ndarray
+
+    def __post_init__(self) -> None:
+        count = len(_times(self.times_ns, "Channel(times_ns=...)"))
+        if self.values.shape != (count,) or self.values.dtype != np.float64:
+            raise ValueError(
+                f"`Channel(values=...)` must be float64 of shape {(count,)}; "
+                f"got {self.values.dtype} of shape {self.values.shape}."
+            )
+
+    @property
+    def times_s(self) -> np.ndarray:
+        """(n,) float64 seconds since the first sweep of the drive."""
+        return self.times_ns / NANOSECONDS
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How the car moved, each part as far as it was recorded.
+
+    `acceleration_m_s2`: vertical acceleration of the body. `yaw_rate_rad_s`: positive to the left.
+    `speed_m_s`: positive forwards.
+    """
+
+    acceleration_m_s2: Channel | None = None
+    yaw_rate_rad_s: Channel | None = None
+    speed_m_s: Channel | None = None
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """How the sensor sits on the car.
+
+    `height_m` above the ground; `angle_deg` between the line of sight and the ground (the thesis: 45°, section 5.1.3);
+    `front_wheel_m`: from the sensor forwards to the front wheel's axle along the road, negative if the sensor is ahead
+    of it. None where it is not known.
+    """
+
+    height_m: float | None = None
+    angle_deg: float | None = None
+    front_wheel_m: float | None = None
+
+
+@dataclass(frozen=True)
+class RoadStep:
+    """A step in the road: `impact_s` is the first contact of a front tyre, in seconds since the first sweep of the
+    drive; `height_m` is positive upwards, None where it is not known."""
+
+    impact_s: float
+    height_m: float | None = None
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Every step that the drive went over. No steps is knowledge too: the road was flat."""
+
+    steps: tuple[RoadStep, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """One drive.
+
+    - `sensors`: one series for each sensor, in order of sensor number.
+    - `truth`: None where it is not known.
+    - `started_at_ns`: Unix time of the first sweep in nanoseconds, None where the log does not say.
+    - `clock_start_ns`: what the recorder's own clock showed at the first sweep; a log that is written again gets its
+      own times back.
+    - `problems`: one sentence for each thing that the reader mended, dropped or could not be sure of.
+    """
+
+    sensors: tuple[SensorSeries, ...]
+    motion: Motion = Motion()
+    mounting: Mounting | None = None
+    truth: Truth | None = None
+    started_at_ns: int | None = None
+    clock_start_ns: int = 0
+    problems: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        numbers = [series.sensor for series in self.sensors]
+        if len(set(numbers)) != len(numbers):
+            raise ValueError(f"`Drive(sensors=...)` must have different sensor numbers; got {numbers}.")
+
+    @property
+    def started_at(self) -> datetime | None:
+        """The first sweep's absolute time in UTC, to the microsecond."""
+        if self.started_at_ns is None:
+            return None
+        seconds, rest = divmod(self.started_at_ns, NANOSECONDS)
+        return datetime.fromtimestamp(seconds, UTC).replace(microsecond=rest // 1000)
+
+    def series(self, sensor: int) -> SensorSeries:
+        """The series of one sensor; `KeyError` if the drive has none of that number."""
+        for series in self.sensors:
+            if series.sensor == sensor:
+                return series
+        raise KeyError(sensor)
