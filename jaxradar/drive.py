@@ -156,8 +156,7 @@ class Mounting:
     """How the sensor sits on the car.
 
     `height_m` above the ground; `angle_deg` between the line of sight and the ground (the thesis: 45°, section 5.1.3);
-    `front_wheel_m`: from the sensor forwards to the front wheel's axle along the road, negative if the sensor is ahead
-    of it. None where it is not known.
+    `front_wheel_m`: how far the front axle lies behind the sensor along the road. None where it is not known.
     """
 
     height_m: float | None = None

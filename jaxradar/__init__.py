@@ -1,0 +1,1 @@
+"""Vectorised, differentiable signal processing for the range sensors of cars, in JAX."""
