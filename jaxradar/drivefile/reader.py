@@ -1,0 +1,103 @@
+"""Opening a drive."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxradar._errors import LogError
+from jaxradar.drive import Channel, Drive, Motion, Mounting, RoadStep, SensorSeries, Truth
+from jaxradar.drivefile.layout import HEADER, Column, columns_of, map_items, read_header, whole
+
+__all__ = ["open_column", "read_drive"]
+
+
+def open_column(
+    folder: Path, column: Column, sealed: Mapping[str, Any] | None, verify: bool = False
+) -> tuple[np.ndarray, np.ndarray | None, list[str]]:
+    """Records, rows and what had to be cut off, of one column."""
+    try:
+        sizes = {name: (folder / name).stat().st_size for name, _ in column.parts}
+        maps = [map_items(folder / name, dtype) for name, dtype in column.parts]
+    except OSError as error:
+        raise LogError(error.filename or folder, f"cannot be read: {error.strerror}.") from error
+    records, rows = maps[-1], maps[0] if column.row is not None else None
+    if sealed is not None and all(sealed[name]["bytes"] == size for name, size in sizes.items()):
+        for name in sizes if verify else ():
+            found = zlib.crc32((folder / name).read_bytes())
+            if found != sealed[name]["crc32"]:
+                raise LogError(
+                    folder / name, f"has checksum {found} where {sealed[name]['crc32']} is stated; it is damaged."
+                )
+        return records, rows, []
+    count = whole(records, rows)
+    problems = [
+        f"{name}: {sizes[name] - count * dtype.itemsize} of {sizes[name]} bytes after {count} whole records do not "
+        "hang together (the recording was cut off, or the file is damaged) and were dropped."
+        for name, dtype in column.parts
+        if sizes[name] != count * dtype.itemsize
+    ]
+    if sealed is not None:
+        problems += [
+            f"{name}: holds {size} bytes where the closed drive had {sealed[name]['bytes']}."
+            for name, size in sizes.items()
+            if sealed[name]["bytes"] != size
+        ]
+    return records[:count], None if rows is None else rows[:count], problems
+
+
+def read_drive(path: str | PathLike[str], *, verify: bool = False) -> Drive:
+    """Open a `NAME.drive` folder (the layout is this module's docstring).
+
+    Sweeps are read-only memory maps. A drive that was closed is trusted if its files have the lengths that its header
+    states; `verify=True` compares their checksums too. One that was not closed is checked sweep by sweep, read up to
+    its last whole sweep, and `problems` says what was cut off.
+
+    Raises `LogError` for a folder that is no drive, and for one whose header is damaged or of an unknown version.
+    """
+    folder = Path(path)
+    header = read_header(folder)
+    try:
+        return _assemble(folder, header, verify)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise LogError(folder / HEADER, f"does not describe a drive: {error!r:.200}.") from error
+
+
+def _assemble(folder: Path, header: Mapping[str, Any], verify: bool) -> Drive:
+    problems = list(header["problems"])
+    if header["sealed"] is None:
+        problems.append("The drive was not closed: each sweep was checked.")
+    columns = {}
+    for key, column in columns_of(header).items():
+        records, rows, cut = open_column(folder, column, header["sealed"], verify)
+        columns[key] = records["time_ns"].astype(np.int64), records, rows
+        problems += cut
+    clock, base = header["clock_start_ns"], 0
+    if clock is None:
+        starts = [columns[item["sensor"]][0][:1] for item in header["sensors"]]
+        clock = base = min((int(times[0]) for times in starts if len(times)), default=0)
+    sensors = []
+    for item in header["sensors"]:
+        times, records, rows = columns[item["sensor"]]
+        assert rows is not None
+        range_m, flags = np.array(item["range_m"], np.float64), records["flags"].astype(np.uint16)
+        sensors.append(SensorSeries(item["sensor"], times - base, rows, range_m, flags, item["spec"]))
+    motion = {}
+    for name in header["motion"]:
+        times, records, _ = columns[name]
+        motion[name] = Channel(times - base, records["value"].astype(np.float64))
+    truth, mounting = header["truth"], header["mounting"]
+    return Drive(
+        sensors=tuple(sensors),
+        motion=Motion(**motion),
+        mounting=None if mounting is None else Mounting(**mounting),
+        truth=None if truth is None else Truth(tuple(RoadStep(**step) for step in truth)),
+        started_at_ns=header["started_at_ns"],
+        clock_start_ns=clock,
+        problems=tuple(problems),
+    )
