@@ -262,6 +262,13 @@ def is_drive_folder(path: Path) -> bool:
     return (path / HEADER).is_file()
 
 
+def _is_drive_alone(path: Path) -> bool:
+    """Whether all that a folder holds is a drive, so that nothing else is lost with it."""
+    parts = (".sweeps", ".index", ".motion", ".new")
+    found = path.iterdir() if is_drive_folder(path) and not path.is_symlink() else [path]
+    return all(part.name == HEADER or part.suffix in parts for part in found)
+
+
 def write_drive(drive: Drive, path: str | PathLike[str], *, overwrite: bool = False) -> None:
     """Write a whole drive as a folder, sealed; `read_drive` gives every field back equal.
 
@@ -270,7 +277,7 @@ def write_drive(drive: Drive, path: str | PathLike[str], *, overwrite: bool = Fa
     that is not made of JSON values.
     """
     motion = {name: channel for name, channel in vars(drive.motion).items() if channel is not None}
-    with staged(Path(path), overwrite=overwrite, replaceable=is_drive_folder) as stage:
+    with staged(Path(path), overwrite=overwrite, replaceable=_is_drive_alone) as stage:
         layouts = [SensorLayout(item.sensor, item.range_m, item.sweeps.dtype, item.spec) for item in drive.sensors]
         with DriveWriter(
             stage,

@@ -1,1 +1,115 @@
-""""""
+"""Recorded logs in, drives out, and back: the one place that knows foreign files."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterable
+from os import PathLike
+from pathlib import Path
+
+from jaxradar._errors import LogError
+from jaxradar.drive import Drive
+from jaxradar.drivefile import is_drive_folder, read_drive, write_drive
+from jaxradar.logs.acconeer_h5 import read_acconeer_h5
+from jaxradar.logs.lab_csv import MOTION_FILES, looks_like_radar, read_lab_csv, sensor_files
+from jaxradar.logs.lab_csv_write import write_lab_csv
+
+__all__ = ["find_logs", "read_log", "write_log"]
+
+_HDF5_NAMES = (".h5", ".hdf5")
+_HDF5_START = b"\x89HDF\r\n\x1a\n"
+_READABLE = "a folder of the lab's CSV, one CSV file, an Acconeer HDF5 file or a .drive folder"
+
+
+def read_log(path: str | PathLike[str]) -> Drive:
+    """Read a log of any kind: what it is follows from its name, or else from its content.
+
+    A `.drive` folder (`jaxradar.drivefile`), a folder of `<sensor>.csv` or one CSV file (`jaxradar.logs.lab_csv`), an
+    Acconeer file `.h5` or `.hdf5` (`jaxradar.logs.acconeer_h5`). Raises `LogError`, which says what is wrong where.
+    """
+    log = Path(path)
+    try:
+        if log.is_dir():
+            return _read_folder(log)
+        with log.open("rb") as file:
+            start = file.read(len(_HDF5_START))
+    except OSError as error:
+        raise LogError(log, f"cannot be read: {error.strerror or error}.") from error
+    except ValueError as error:  # a name with a zero byte
+        raise LogError(log, f"cannot be read: {error}.") from error
+    if log.suffix.lower() in _HDF5_NAMES or start == _HDF5_START:
+        return read_acconeer_h5(log)
+    if log.suffix.lower() == ".csv" or looks_like_radar(log):
+        return read_lab_csv(log)
+    raise LogError(log, f"begins with {start!r}, which is no log; expected {_READABLE}.")
+
+
+def _read_folder(folder: Path) -> Drive:
+    if folder.suffix == ".drive" or is_drive_folder(folder):
+        return read_drive(folder)
+    if sensor_files(folder):
+        return read_lab_csv(folder)
+    held = sorted(part.name for part in folder.iterdir())[:5]
+    raise LogError(folder, f"is a folder that holds {', '.join(held) or 'nothing'}; expected {_READABLE}.")
+
+
+def find_logs(paths: Iterable[str | PathLike[str]]) -> list[Path]:
+    """All logs that files, folders and patterns with `*`, `?` or `[` name, sorted, each once.
+
+    A folder that is a log itself is one log; any other is searched through. What does not exist, and a pattern that
+    matches nothing, is returned as it was given, so that reading it says so.
+    """
+    found: dict[str, Path] = {}
+    for given in paths:
+        text = os.fspath(given)
+        exists = os.path.lexists(text)
+        # `Path.glob` takes no absolute pattern.
+        matches = [] if exists or not glob.has_magic(text) else glob.glob(text, recursive=True)  # noqa: PTH207
+        for path in map(Path, matches or [text]):
+            logs = _logs_in(path) if path.is_dir() else [path] if not matches or _is_log_file(path) else []
+            for log in logs:
+                found.setdefault(os.path.realpath(log), log)
+    return sorted(found.values())
+
+
+def _logs_in(folder: Path) -> list[Path]:
+    if folder.suffix == ".drive" or is_drive_folder(folder) or _sensor_files(folder):
+        return [folder]
+    found: list[Path] = []
+    for base, folders, files in os.walk(folder):
+        here = Path(base)
+        logs = [here / name for name in folders if not name.startswith(".")]
+        logs = [path for path in logs if path.suffix == ".drive" or is_drive_folder(path) or _sensor_files(path)]
+        folders[:] = [name for name in folders if not name.startswith(".") and here / name not in logs]
+        found += logs + [here / name for name in files if _is_log_file(here / name)]
+    return found
+
+
+def _sensor_files(folder: Path) -> list[Path]:
+    try:
+        return sensor_files(folder)
+    except OSError:
+        return []
+
+
+def _is_log_file(path: Path) -> bool:
+    if path.suffix.lower() in _HDF5_NAMES:
+        return True
+    return path.suffix.lower() == ".csv" and path.name not in MOTION_FILES and looks_like_radar(path)
+
+
+def write_log(drive: Drive, path: str | PathLike[str], *, overwrite: bool = False) -> list[str]:
+    """Write a drive in the form that the name asks for: `NAME.drive`, `NAME.csv` (one sensor, no motion), or a name
+    without suffix for a folder of CSV.
+
+    Returns a sentence for each thing that this form cannot hold. Raises `LogError` if `path` exists and `overwrite` is
+    false, if it has another suffix, and as the writer of that form does.
+    """
+    target = Path(path)
+    if target.suffix == ".drive":
+        write_drive(drive, target, overwrite=overwrite)
+        return []
+    if target.suffix.lower() in _HDF5_NAMES:
+        raise LogError(target, "HDF5 is read only; expected NAME.drive, NAME.csv or the name of a folder.")
+    return write_lab_csv(drive, target, overwrite=overwrite)

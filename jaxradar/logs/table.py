@@ -1,0 +1,256 @@
+"""Tables of plain numbers as text: fast where they are sound, to the line and column where they are not.
+
+pyarrow reads them under settings that take nothing but numbers. Only what it refuses is looked at line by line: rows
+that hold a time alone are legitimate, the last row may be cut off, all else is an error with its place.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]
+from pyarrow import csv
+
+from jaxradar._errors import LogError
+from jaxradar.drive import NANOSECONDS
+
+__all__ = ["NUMBER", "Table", "is_cut", "read_bytes", "read_table", "shown"]
+
+NUMBER = re.compile(rb"[ \t]*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?[ \t]*")
+_BEGUN = re.compile(rb"[+-]?\d*\.?\d*([eE][+-]?\d*)?")  # what is left of a number that was cut off
+_FLOAT64_SECONDS = 4_000_000  # beyond, float64 seconds are more than 0.5 ns apart
+_MOST_SECONDS = 4_000_000_000  # int64 nanoseconds end at 9.2e9 s, and differences must fit too
+_BLOCK = 1 << 20
+
+
+@dataclass(frozen=True)
+class Table:
+    """What stands in a table of a time and `columns` numbers a row.
+
+    - `times_ns`: (rows,) int64, the first cell in nanoseconds.
+    - `values`: (rows, columns), uint16 if every value is a whole number in 0..65535, else float64. Of a table that may
+      have empty cells always float64, NaN where a cell is empty.
+    - `alone`: (rows,) bool, rows that hold a time and nothing else; their values are 0.
+    - `problems`: what was dropped.
+    """
+
+    times_ns: np.ndarray
+    values: np.ndarray
+    alone: np.ndarray
+    problems: tuple[str, ...] = ()
+
+
+def read_bytes(path: Path) -> bytes:
+    """A file's content without a byte order mark. Raises `LogError`."""
+    try:
+        return path.read_bytes().removeprefix(b"\xef\xbb\xbf")
+    except OSError as error:
+        raise LogError(path, f"cannot be read: {error.strerror}.") from error
+
+
+def shown(cell: bytes) -> str:
+    """A cell's text as a message shows it."""
+    text = cell.decode("utf-8", "backslashreplace")
+    return repr(text if len(text) <= 30 else text[:27] + "...")
+
+
+def is_cut(cells: list[bytes], before: bytes | None) -> bool | None:
+    """Whether the last cell of a row without a line end lost its end; None if that cannot be told.
+
+    A program writes all numbers of a row with as many decimals, so fewer say that some are missing. `before` is the
+    last cell of the row before, asked where the decimals of this row differ among themselves.
+    """
+    last = cells[-1].strip()
+    if not NUMBER.fullmatch(last) or last.endswith(b"."):
+        return _BEGUN.fullmatch(last) is not None
+    decimals = {_decimals(cell) for cell in cells[1:-1]}
+    if len(decimals) != 1 and before is not None:
+        decimals = {_decimals(before)}
+    if len(decimals) != 1 or None in decimals or decimals == {0} or b"e" in last.lower():
+        return None
+    return _decimals(last) not in decimals
+
+
+def _decimals(cell: bytes) -> int | None:
+    return None if b"e" in cell.lower() else len(cell.strip().partition(b".")[2])
+
+
+def read_table(
+    path: Path, data: bytes, start: int, columns: int, *, first_line: int, alone: bool = False, holes: bool = False
+) -> Table:
+    """Read rows of a time and `columns` numbers from byte `start` of a file's content on.
+
+    `first_line` is that byte's line, from 1. `alone` allows rows that hold a time only, `holes` empty cells.
+    Raises `LogError` for a cell that is no finite number and for a row of another length, unless it is the last one
+    and cut off: that one is dropped and reported.
+    """
+    end, problems = _sound_end(path, data, start, columns + 1, first_line, alone)
+    if end <= start:
+        empty = np.empty((0, columns), np.float64 if holes else np.uint16)
+        return Table(np.empty(0, np.int64), empty, np.empty(0, bool), tuple(problems))
+    text = memoryview(data)[start:end]
+    missing = None
+    # pyarrow takes a lone CR for a line end, nothing else here does.
+    sound = data.find(b"\r", start, end) < 0 or data.count(b"\r", start, end) == data.count(b"\r\n", start, end)
+    table = _parse(text, columns, holes) if sound else None
+    if table is None:
+        lines, missing = _lines(path, data[start:end], columns + 1, first_line, alone)
+        table = _parse(memoryview(b"\n".join(lines)), columns, holes)
+        if table is None or table.num_rows != len(lines):
+            _diagnose(path, lines, first_line, holes)
+    seconds, values = _matrix(table, columns, holes)
+    cells = _Cells(path, data, start, end, first_line)
+    if values.dtype != np.uint16:
+        wrong = np.isinf(values) if holes else ~np.isfinite(values)
+        if wrong.any():
+            row, column = map(int, np.argwhere(wrong)[0])
+            cells.refuse(row, column + 1, "a finite number")
+    times_ns = _nanoseconds(seconds, cells)
+    return Table(times_ns, values, np.zeros(len(times_ns), bool) if missing is None else missing, tuple(problems))
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """Where the text of a parsed cell stands."""
+
+    path: Path
+    data: bytes
+    start: int
+    end: int
+    first_line: int
+
+    def lines(self) -> list[bytes]:
+        return self.data[self.start : self.end].split(b"\n")
+
+    def refuse(self, row: int, column: int, expected: str) -> NoReturn:
+        cell = self.lines()[row].split(b",")[column].strip()
+        raise LogError(
+            self.path, f"found {shown(cell)}; expected {expected}.", line=self.first_line + row, column=column + 1
+        )
+
+
+def _sound_end(path: Path, data: bytes, start: int, width: int, first_line: int, alone: bool) -> tuple[int, list[str]]:
+    """Where the last whole row ends, and what was left behind it."""
+    problems = []
+    end = len(data.rstrip(b"\0"))
+    if end < len(data):
+        problems.append(f"{path.name}: {len(data) - end} zero bytes at the end were dropped: the file was cut off.")
+    ended = data[end - 1 : end] in (b"\n", b"\r")
+    if ended:
+        end = max(start, len(data[:end].rstrip(b"\r\n")))
+    if end <= start:
+        return start, problems
+    begin = max(start, data.rfind(b"\n", start, end) + 1)
+    cells = data[begin:end].split(b",")
+    cut: bool | None = False
+    if len(cells) < width:
+        failed_read = alone and ended and not b"".join(cells[1:]).strip()
+        cut = not failed_read
+    elif len(cells) == width and not ended and b"".join(cells[1:]).strip():
+        before = data[data.rfind(b"\n", start, begin - 1) + 1 : begin - 1] if begin > start else None
+        cut = is_cut(cells, None if before is None else before.rsplit(b",", 1)[-1])
+    if cut is False:
+        return end, problems
+    line = first_line + data.count(b"\n", start, begin)
+    last = shown(cells[-1])
+    if cut is None:
+        problems.append(
+            f"{path.name}, line {line}: the file ends without a line end, and whether its last number {last} is "
+            "complete cannot be told; it was kept."
+        )
+        return end, problems
+    problems.append(
+        f"{path.name}, line {line}: the last row is cut off (it ends at cell {len(cells)} of {width}, {last}) "
+        "and was dropped."
+    )
+    return max(start, begin - 1), problems
+
+
+def _parse(text: memoryview, columns: int, holes: bool) -> pa.Table | None:
+    """All cells as float64, or None where pyarrow finds anything but numbers."""
+    names = [str(column) for column in range(columns + 1)]
+    try:
+        return csv.read_csv(
+            pa.BufferReader(pa.py_buffer(text)),
+            csv.ReadOptions(column_names=names, block_size=max(_BLOCK, 64 * columns)),
+            csv.ParseOptions(quote_char=False, double_quote=False, escape_char=False, ignore_empty_lines=False),
+            csv.ConvertOptions(
+                check_utf8=False,
+                null_values=[""] if holes else [],
+                column_types=dict.fromkeys(names, pa.float64()),
+            ),
+        )
+    except pa.ArrowInvalid:
+        return None
+
+
+def _matrix(table: pa.Table, columns: int, holes: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Times in seconds (rows,) and values (rows, columns) of a parsed table."""
+    tensors: list[np.ndarray] = [
+        batch.to_tensor(null_to_nan=holes, row_major=True).to_numpy() for batch in table.to_batches()
+    ]
+    seconds = np.concatenate([tensor[:, 0] for tensor in tensors])
+    if not holes:
+        counts = np.empty((table.num_rows, columns), np.uint16)
+        row = 0
+        with np.errstate(invalid="ignore"):
+            for tensor in tensors:
+                part = counts[row : row + len(tensor)]
+                np.copyto(part, tensor[:, 1:], casting="unsafe")
+                if not np.array_equal(part, tensor[:, 1:]):
+                    break
+                row += len(tensor)
+            else:
+                return seconds, counts
+    return seconds, np.concatenate([tensor[:, 1:] for tensor in tensors])
+
+
+def _nanoseconds(seconds: np.ndarray, cells: _Cells) -> np.ndarray:
+    largest = np.abs(seconds).max()
+    if not largest < _MOST_SECONDS:
+        row = int(np.argmax(~(np.abs(seconds) < _MOST_SECONDS)))
+        cells.refuse(row, 0, f"a time in seconds, below {_MOST_SECONDS}")
+    nearest: np.ndarray = np.rint(seconds * NANOSECONDS).astype(np.int64)
+    if largest < _FLOAT64_SECONDS:
+        return nearest
+    texts = (line.partition(b",")[0].decode().strip() for line in cells.lines())
+    try:
+        return np.array([round(Decimal(text) * NANOSECONDS) for text in texts], np.int64)
+    except ArithmeticError:  # an exponent that Decimal does not take
+        return nearest
+
+
+def _lines(path: Path, text: bytes, width: int, first_line: int, alone: bool) -> tuple[list[bytes], np.ndarray]:
+    """The rows with zeros put where a time stands alone, and which rows those are."""
+    lines = [line.removesuffix(b"\r") for line in text.split(b"\n")]
+    missing = np.zeros(len(lines), bool)
+    zeros = b",0" * (width - 1)
+    for row, line in enumerate(lines):
+        found = line.count(b",") + 1
+        time = line.rstrip(b",")
+        if alone and found <= width and time and b"," not in time:
+            missing[row] = True
+            lines[row] = time + zeros
+        elif found != width:
+            problem = f"has {found} cells" if line else "is empty"
+            raise LogError(path, f"the row {problem}; expected {width}.", line=first_line + row)
+    return lines, missing
+
+
+def _diagnose(path: Path, lines: list[bytes], first_line: int, holes: bool) -> NoReturn:
+    """Name the first cell that is no number."""
+    number = b"(" + NUMBER.pattern + (b")?" if holes else b")")
+    row_of_numbers = re.compile(number + b"(," + number + b")*")
+    for row, line in enumerate(lines):
+        if row_of_numbers.fullmatch(line):
+            continue
+        for column, cell in enumerate(line.split(b",")):
+            if not NUMBER.fullmatch(cell) and (cell.strip() or not holes or column == 0):
+                found = f"found {shown(cell)}" if cell.strip() else "the cell is empty"
+                raise LogError(path, f"{found}; expected a number.", line=first_line + row, column=column + 1)
+    raise LogError(path, "holds a number that cannot be represented.")
