@@ -125,7 +125,8 @@ def _read_radar(path: Path) -> tuple[SensorSeries, list[str]]:
             f"line {first}; they are marked invalid."
         )
     if not len(times_ns):
-        problems.append(f"{path.name}: holds no sweep.")
+        ended = data[:start].endswith(b"\n")
+        problems.append(f"{path.name}: holds no sweep{'.' if ended else '; its first line has no end.'}")
     sweeps = _amplitudes(path, data, start, table)
     flags = np.where(table.alone, np.uint16(SweepFlag.NO_AMPLITUDES), np.uint16(0))
     if sweeps.size and sweeps.max() >= _FULL_SCALE:
