@@ -1,1 +1,31 @@
-""""""
+"""Road steps out of radar sweeps: the thesis's rule, the lab's live alarm, and the detector to use."""
+
+from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector
+from jaxradar.systems.step.default import DefaultDetector
+from jaxradar.systems.step.files import DETECTORS, DetectorFile, dump_detector, load_detector
+from jaxradar.systems.step.lab_live import LabLiveDetector
+from jaxradar.systems.step.result import StepEvent, StepTrace
+from jaxradar.systems.step.run import detect, precision, run, run_batch, thin, time_steps
+from jaxradar.systems.step.thesis import ThesisDetector
+
+__all__ = [
+    "DETECTORS",
+    "Decision",
+    "DefaultDetector",
+    "DetectorFile",
+    "LabLiveDetector",
+    "MotionSample",
+    "RangeAxis",
+    "StepDetector",
+    "StepEvent",
+    "StepTrace",
+    "ThesisDetector",
+    "detect",
+    "dump_detector",
+    "load_detector",
+    "precision",
+    "run",
+    "run_batch",
+    "thin",
+    "time_steps",
+]

@@ -32,7 +32,7 @@ class StepTrace:
 
     - `times_s`: (sweeps,) float64.
     - `range_m`: (sweeps,) slant range of the echo that is followed; NaN where `valid` is false.
-    - `speed_m_s`: (sweeps,) its rate of change; NaN where there is none.
+    - `speed_m_s`: (sweeps,) its rate of change; NaN where `valid` is false, 0 where nothing came before.
     - `strength`: (sweeps,) amplitude over the noise floor.
     - `statistic`: (sweeps,) what is compared with `threshold`, 0 where there is none.
     - `valid`, `saturated`: (sweeps,) bool.

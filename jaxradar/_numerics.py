@@ -1,0 +1,58 @@
+"""Guarded arithmetic that more than one layer needs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Shaped
+
+from jaxradar._types import Index, RawSweep, Scalar, Sweep
+
+__all__ = ["as_scalar", "finite", "first_argmax", "safe_divide", "safe_sqrt"]
+
+
+def as_scalar(value: Any) -> Any:
+    """A setting as an array leaf: what JAX already holds as it is, a Python number as NumPy's float64.
+
+    NumPy keeps the double until a program takes it in, so that one that runs in float64 compares with 0.7 and not
+    with float32's 0.69999999; and its type is never weak, so that another value does not recompile.
+    """
+    return value if isinstance(value, jax.Array) else np.asarray(value, np.float64)
+
+
+def finite(sweep: RawSweep) -> Sweep:
+    """A sweep as floats of the program's precision, with 0 where it is NaN or infinite.
+
+    Without this one NaN bin would win every arg-max (`jnp.argmax` returns a NaN's index).
+    """
+    values = jnp.asarray(sweep).astype(jnp.result_type(float))
+    return jnp.where(jnp.isfinite(values), values, 0.0)
+
+
+def first_argmax(values: Shaped[Array | np.ndarray, " bins"]) -> Index:
+    """Index of the largest value, the first of equals. `values` must hold no NaN.
+
+    Written as two plain reductions: they stay exact, and lower to what every back end has.
+    """
+    bins = jnp.arange(values.shape[0], dtype=jnp.int32)
+    return jnp.min(jnp.where(values == jnp.max(values), bins, values.shape[0] - 1))
+
+
+def safe_divide(
+    numerator: Float[Array | np.ndarray, "*shape"],
+    denominator: Float[Array | np.ndarray, "*shape"],
+    otherwise: float = 0.0,
+) -> Float[Array, "*shape"]:
+    """`numerator / denominator`, and `otherwise` with gradient 0 where the denominator is 0."""
+    # The divisor is guarded and not only the result: a mask over 1/0 leaves a NaN gradient.
+    zero = denominator == 0
+    return jnp.where(zero, otherwise, numerator / jnp.where(zero, 1.0, denominator))
+
+
+def safe_sqrt(value: Scalar) -> Scalar:
+    """Square root, with value and gradient 0 where `value` <= 0."""
+    positive = value > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, value, 1.0)), 0.0)

@@ -1,0 +1,177 @@
+"""Where the largest echo of a sweep lies: several estimators, one signature.
+
+Each is a small module that is called with one sweep and, if the peak was selected elsewhere, the bin to look around.
+Positions count in bins from 0 and may have a fraction. NaN and infinite bins are left out; a sweep without any
+amplitude above 0 gives `found = False` and position 0, with gradient 0.
+"""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxradar._numerics import as_scalar, finite, first_argmax, safe_divide
+from jaxradar._types import Flag, Index, RawSweep, Scalar, Sweep
+from jaxradar.signal.pulses import SIGMA_PER_FWHM, gaussian_pulse
+
+__all__ = ["ArgMax", "MatchedFilter", "Parabola", "Peak", "PeakEstimator", "SoftArgmax", "vertex"]
+
+
+class Peak(eqx.Module):
+    """`position` in bins, `amplitude` of the largest bin in counts, `found` or not."""
+
+    position: Scalar
+    amplitude: Scalar
+    found: Flag
+
+
+class PeakEstimator(eqx.Module):
+    """One way of finding a peak. `half_width` bins to either side of `near` are looked at, all bins if it is None."""
+
+    half_width: eqx.AbstractVar[int | None]
+
+    def __call__(self, sweep: RawSweep, near: Index | None = None) -> Peak:
+        """Find the peak of `sweep`, a vector of amplitudes over range bins.
+
+        `near` is the bin that the window stands on, the largest of the sweep (the first of equals) if not given. At
+        the ends the window is moved inwards, not cut.
+        """
+        values = finite(sweep)
+        if self.half_width is None or 2 * self.half_width + 1 >= values.shape[0]:
+            start, window = jnp.int32(0), values
+        else:
+            width = 2 * self.half_width + 1
+            centre = first_argmax(values) if near is None else near
+            start = jnp.clip(centre - self.half_width, 0, values.shape[0] - width).astype(jnp.int32)
+            window = jax.lax.dynamic_slice(values, (start,), (width,))
+        amplitude = jnp.max(window)
+        found = amplitude > 0
+        inside = self.locate(jnp.where(found, window, jnp.zeros_like(window)))
+        return Peak(jnp.where(found, start + inside, 0.0), amplitude, found)
+
+    def locate(self, window: Sweep) -> Scalar:
+        """Position in bins from the start of `window`, which holds finite values only."""
+        raise NotImplementedError
+
+
+def vertex(left: Scalar, middle: Scalar, right: Scalar) -> tuple[Scalar, Scalar]:
+    """Offset in (−½ ... ½) from the middle, and height, of the parabola through three neighbours, the middle largest.
+
+    Where the three lie on a line or a plateau there is no vertex: offset 0, the middle's height, and gradient 0.
+    """
+    curvature = left - 2.0 * middle + right
+    peaked = curvature < 0
+    # A flat top has no vertex; masking the result alone would leave a NaN gradient.
+    offset = jnp.where(peaked, 0.5 * (left - right) / jnp.where(peaked, curvature, -1.0), 0.0)
+    offset = jnp.clip(offset, -0.5, 0.5)
+    return offset, middle - 0.25 * (left - right) * offset
+
+
+class ArgMax(PeakEstimator):
+    """The largest bin; of a plateau (a saturated echo) its midpoint; of two equal echoes the first."""
+
+    half_width: int | None = eqx.field(static=True, default=None, kw_only=True)
+
+    def locate(self, window: Sweep) -> Scalar:
+        bins = jnp.arange(window.shape[0], dtype=jnp.int32)
+        first = first_argmax(window)
+        beyond = (bins > first) & (window < jnp.max(window))
+        after = jnp.min(jnp.where(beyond, bins, window.shape[0]))
+        return 0.5 * (first + after - 1).astype(window.dtype)
+
+
+class Parabola(PeakEstimator):
+    """Vertex of the parabola fitted by least squares to the `reach` bins on either side of the largest one.
+
+    `reach=1` is the usual three-point form. Where neighbouring bins carry correlated noise or a plateau (full A111
+    resolution), three points tell nothing: choose a reach of about a third of the echo's width.
+    The largest bin is the midpoint of a plateau. Closed form of a Savitzky-Golay fit of order 2 (Anal. Chem. 36, 1964).
+    """
+
+    reach: int = eqx.field(static=True, default=1)
+    half_width: int | None = eqx.field(static=True, default=None, kw_only=True)
+
+    def __check_init__(self) -> None:
+        if self.reach < 1:
+            raise ValueError(f"`Parabola(reach=...)` must be >= 1; got {self.reach}.")
+
+    def locate(self, window: Sweep) -> Scalar:
+        reach = min(self.reach, (window.shape[0] - 1) // 2)
+        top = ArgMax().locate(window)
+        if reach < 1:
+            return top
+        centre = jnp.round(top).astype(jnp.int32)
+        start = jnp.clip(centre - reach, 0, window.shape[0] - 2 * reach - 1)
+        taps = jax.lax.dynamic_slice(window, (start,), (2 * reach + 1,))
+        steps = np.arange(-reach, reach + 1, dtype=np.float64)
+        square = steps**2 - np.mean(steps**2)
+        slope = jnp.dot(taps, jnp.asarray(steps / np.sum(steps**2), taps.dtype))
+        curvature = jnp.dot(taps, jnp.asarray(square / np.sum(square**2), taps.dtype))
+        # Relative to the taps' own size: rounding makes a plateau's curvature tiny rather than 0.
+        peaked = curvature < -1e-6 * jnp.max(taps)
+        offset = jnp.where(peaked, -0.5 * slope / jnp.where(peaked, curvature, -1.0), 0.0)
+        inside = peaked & (jnp.abs(offset) <= reach)
+        return jnp.where(inside, start + reach + offset, top)
+
+
+class SoftArgmax(PeakEstimator):
+    """Mean of the bins under weights exp((a/a_max − 1) / temperature): the estimator that gradients flow through.
+
+    `temperature` counts in units of the window's largest amplitude, so that no exponent is above 0 (float32 overflows
+    at 88.7, compensated counts reach 258,000) and a change of gain moves nothing. As it falls to 0 the mean tends to
+    the arg-max. Too soft, and the floor draws the mean to the window's middle; two equal echoes give a phantom
+    between them unless `half_width` keeps one of them out.
+    """
+
+    temperature: Scalar = eqx.field(converter=as_scalar, default=0.1)
+    half_width: int | None = eqx.field(static=True, default=None, kw_only=True)
+
+    def locate(self, window: Sweep) -> Scalar:
+        bins = jnp.arange(window.shape[0], dtype=window.dtype)
+        top = jnp.max(window)
+        exponent = (safe_divide(window, jnp.broadcast_to(top, window.shape)) - 1.0) / self.temperature
+        # The window's own maximum weighs 1, so the sum is at least 1, whatever underflows beside it.
+        weights = jnp.exp(exponent)
+        # Distances from the largest bin, not from bin 0: small numbers keep float32's digits.
+        centre = jax.lax.stop_gradient(ArgMax().locate(window))
+        return centre + jnp.sum(weights * (bins - centre)) / jnp.sum(weights)
+
+
+class MatchedFilter(PeakEstimator):
+    """Largest correlation with a Gaussian pulse of `fwhm` bins, refined by Newton steps between the bins.
+
+    The maximum-likelihood estimate of one echo's place in white noise (Van Trees, Detection, Estimation, and
+    Modulation Theory I, section 4.2.3); all bins are searched, which removes the gross outliers of the others at low
+    SNR. A step that would leave the top's concave part is not taken.
+    """
+
+    fwhm: float = eqx.field(static=True, default=8.0)
+    newton_steps: int = eqx.field(static=True, default=2)
+    half_width: int | None = eqx.field(static=True, default=None, kw_only=True)
+
+    def __check_init__(self) -> None:
+        if not self.fwhm > 0:
+            raise ValueError(f"`MatchedFilter(fwhm=...)` must be > 0 bins; got {self.fwhm}.")
+
+    def locate(self, window: Sweep) -> Scalar:
+        size = window.shape[0]
+        bins = jnp.arange(size, dtype=window.dtype)
+        radius = int(np.ceil(1.5 * self.fwhm))
+        template = gaussian_pulse(jnp.arange(-radius, radius + 1, dtype=window.dtype), self.fwhm)
+        scaled = safe_divide(window, jnp.broadcast_to(jnp.max(window), window.shape))
+        # Energy of the template inside the window: an echo at the edge is cut, not weak.
+        energy = jnp.convolve(jnp.ones_like(scaled), template**2, mode="full")[radius : radius + size]
+        likelihood = jnp.convolve(scaled, template, mode="full")[radius : radius + size] / jnp.sqrt(energy)
+        position = first_argmax(likelihood).astype(window.dtype)
+        sigma = self.fwhm * SIGMA_PER_FWHM
+        for _ in range(self.newton_steps):
+            offset = (bins - position) / sigma
+            weighted = scaled * gaussian_pulse(offset * sigma, self.fwhm)
+            slope = jnp.sum(weighted * offset) / sigma
+            curvature = jnp.sum(weighted * (offset**2 - 1.0)) / sigma**2
+            concave = curvature < 0
+            step = jnp.where(concave, -slope / jnp.where(concave, curvature, -1.0), 0.0)
+            position = position + jnp.clip(step, -1.0, 1.0)
+        return jnp.clip(position, 0.0, size - 1.0)

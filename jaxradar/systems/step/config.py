@@ -1,0 +1,131 @@
+"""What all step detectors share: settings with bounds, and the two functions `observe` and `track`.
+
+A detector *is* its configuration: an `equinox.Module` whose tunable values are array leaves, so that another value
+never recompiles, and whose shapes are static. `observe` looks at ONE sweep and is vmapped over everything; `track` is
+the only thing that remembers and is scanned over time. Batches, tuning and the device run these same two functions.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar, Generic, TypeVar
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import UInt
+
+from jaxradar._numerics import as_scalar
+from jaxradar._types import Array, Flag, RangeBins, RawSweep, Scalar
+
+__all__ = ["Decision", "MotionSample", "RangeAxis", "StepDetector", "setting", "shape_setting"]
+
+
+def setting(default: float, low: float, high: float, unit: str, doc: str) -> Any:
+    """A value that tuning may move: an array leaf with bounds (both allowed), a unit and one line of explanation."""
+    return eqx.field(
+        default=default, converter=as_scalar, metadata={"low": low, "high": high, "unit": unit, "doc": doc}
+    )
+
+
+def shape_setting(default: Any, low: float, high: float, unit: str, doc: str) -> Any:
+    """A value that sets a shape or a branch of the program: static, changing it recompiles."""
+    return eqx.field(default=default, static=True, metadata={"low": low, "high": high, "unit": unit, "doc": doc})
+
+
+class RangeAxis(eqx.Module):
+    """The slant range of each bin in metres, and the bins' distance to three digits for what sets a shape."""
+
+    range_m: RangeBins
+    bin_m: float = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, range_m: np.ndarray) -> RangeAxis:
+        """From a log's own axis, (bins,) float64. Rounded, so that two logs of one sensor share one program."""
+        spacing = (range_m[-1] - range_m[0]) / (len(range_m) - 1)
+        return cls(np.asarray(range_m, np.float64), float(f"{spacing:.3g}"))
+
+    @property
+    def bins(self) -> int:
+        return int(self.range_m.shape[0])
+
+    def at(self, position: Scalar) -> Scalar:
+        """Slant range in metres at a position in bins, which may have a fraction."""
+        whole = jax.numpy.clip(jax.numpy.floor(position).astype(jax.numpy.int32), 0, self.bins - 2)
+        axis = jax.numpy.asarray(self.range_m)
+        return axis[whole] + (position - whole) * (axis[whole + 1] - axis[whole])
+
+
+class MotionSample(eqx.Module):
+    """The car's motion at one sweep, each quantity with a flag that says whether it is known."""
+
+    acceleration_m_s2: Scalar
+    yaw_rate_rad_s: Scalar
+    speed_m_s: Scalar
+    acceleration_known: Flag
+    yaw_rate_known: Flag
+    speed_known: Flag
+
+
+class Decision(eqx.Module):
+    """What a detector says of one sweep; the fields are those of `StepTrace`, `event` is a detection.
+
+    Nothing here is ever NaN: where `valid` is false, the range is the last one known and the rest is 0.
+    """
+
+    range_m: Scalar
+    speed_m_s: Scalar
+    strength: Scalar
+    statistic: Scalar
+    valid: Flag
+    saturated: Flag
+    event: Flag
+
+
+Observed = TypeVar("Observed")
+State = TypeVar("State")
+
+
+class StepDetector(eqx.Module, Generic[Observed, State]):
+    """Base of all step detectors.
+
+    `float64`: whether the detector must run in double precision to choose as its document does.
+    Raises `ValueError` at construction for a value outside its bounds, naming the argument, the bound and the value.
+    """
+
+    name: ClassVar[str]
+    statistic_name: ClassVar[str]
+    statistic_unit: ClassVar[str]
+    float64: ClassVar[bool] = False
+
+    @property
+    def threshold(self) -> Any:
+        """What the statistic is compared with."""
+        raise NotImplementedError
+
+    def observe(self, axis: RangeAxis, sweep: RawSweep, flags: UInt[Array | np.ndarray, ""]) -> Observed:
+        """Look at one sweep: (bins,) counts and its `SweepFlag`s. Pure; vmapped over sweeps and logs."""
+        raise NotImplementedError
+
+    def init(self, axis: RangeAxis) -> State:
+        """The state before the first sweep."""
+        raise NotImplementedError
+
+    def track(
+        self, state: State, observation: Observed, motion: MotionSample | None, dt: Scalar
+    ) -> tuple[State, Decision]:
+        """Decide on one sweep. `dt`: seconds since the sweep before, valid or not, differenced on the host."""
+        raise NotImplementedError
+
+    def __check_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            # Under jit, vmap and tuning a leaf is a tracer; its value is checked where it is concrete.
+            if "low" not in field.metadata or isinstance(value, jax.core.Tracer):
+                continue
+            low, high = field.metadata["low"], field.metadata["high"]
+            if not (np.ndim(value) == 0 and low <= value <= high):
+                raise ValueError(
+                    f"`{type(self).__name__}({field.name}=...)` must be between {low} and {high}"
+                    f"{' ' + field.metadata['unit'] if field.metadata['unit'] else ''}; got {value}."
+                )

@@ -1,0 +1,198 @@
+"""The detector to use: a step moves the whole echo, a fade or another patch of road does not."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import UInt
+
+from jaxradar._numerics import finite, first_argmax
+from jaxradar._types import Array, Counts, Flag, RawSweep, Scalar
+from jaxradar.drive import SweepFlag
+from jaxradar.signal.clutter import noise_floor
+from jaxradar.signal.correlate import profile_shift
+from jaxradar.signal.peaks import SoftArgmax, vertex
+from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector, setting, shape_setting
+from jaxradar.systems.step.thesis import usable
+
+__all__ = ["DefaultDetector", "DefaultState", "ProfileObservation"]
+
+
+class ProfileObservation(eqx.Module):
+    """One sweep, seen through the noise: `profile` holds the amplitudes over the floor, averaged over range cells
+    whose centres are `centres_m`; `range_m` is the refined slant range of its strongest echo. `reach`: how many cells
+    a trial shift goes either way."""
+
+    profile: Counts
+    centres_m: Counts
+    range_m: Scalar
+    strength: Scalar
+    valid: Flag
+    saturated: Flag
+    reach: int = eqx.field(static=True)
+
+
+class DefaultState(eqx.Module):
+    """`reference`: the profile of the last moments, `reference_m` the range that the followed echo had in it.
+    `range_m`: the followed echo now. `age_s`: time since the track began; `lost_s`: how long another echo has been
+    clearly stronger; `gap_s`: time since the last valid sweep; `quiet_s`: time since the last detection."""
+
+    reference: Counts
+    reference_m: Scalar
+    range_m: Scalar
+    age_s: Scalar
+    lost_s: Scalar
+    gap_s: Scalar
+    quiet_s: Scalar
+    armed: Flag
+    tracking: Flag
+
+
+class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
+    """Whole-profile shift test with a track that follows one echo.
+
+    Each sweep is averaged into range cells, its noise floor estimated and taken away, and its strongest echo selected
+    on these amplitudes, times (2r)^exponent, and refined on the raw ones. A sweep is valid if that echo stands out
+    of the floor by two measures: against the floor's level (averaged sweeps, whose noise is smooth) and against its
+    scatter (single sweeps, whose noise is rough).
+
+    The profile is then compared with a running mean of the profiles of the last `window_s`. Let u₀ be the share of
+    its norm that the reference, freely scaled, leaves unexplained, and u₁ the same after the best shift: the statistic
+    is u₀ − u₁. A fade leaves both at 0; two fixed patches that take turns as the maximum raise both; an echo that moves
+    raises only u₀. Hysteresis and a refractory time make one detection of one step.
+    """
+
+    name: ClassVar[str] = "default"
+    statistic_name: ClassVar[str] = "evidence of a shift"
+    statistic_unit: ClassVar[str] = "share of the profile"
+
+    evidence: Scalar = setting(0.16, 0.0, 1.0, "", "a shift must explain this share of the profile more than none does")
+    release: Scalar = setting(0.08, 0.0, 1.0, "", "the evidence must fall below this before the next detection")
+    least_shift_m: Scalar = setting(0.006, 0.0, 1.0, "m", "a smaller shift is no step")
+    window_s: Scalar = setting(0.03, 1e-3, 10.0, "s", "time constant of the running mean a sweep is compared with")
+    settle_s: Scalar = setting(0.08, 0.0, 10.0, "s", "no detection so soon after a track has begun")
+    refractory_s: Scalar = setting(0.2, 0.0, 10.0, "s", "no second detection so soon after one")
+    longest_gap_s: Scalar = setting(0.3, 1e-3, 10.0, "s", "a longer time without a valid sweep begins a new track")
+    over_floor: Scalar = setting(0.58, 0.0, 100.0, "", "an echo must rise this many floor levels above the floor")
+    over_scatter: Scalar = setting(9.0, 0.0, 1e3, "", "and this many standard deviations of the floor's noise")
+    exponent: Scalar = setting(0.0, 0.0, 6.0, "", "the echo is selected on amplitudes times (2r)^exponent")
+    temperature: Scalar = setting(0.1, 1e-3, 10.0, "", "of the soft-argmax that refines the range")
+    cell_m: float = shape_setting(0.0095, 1e-4, 1.0, "m", "size of a range cell")
+    reach_m: float = shape_setting(0.12, 1e-3, 10.0, "m", "largest shift that is tried")
+    pulse_m: float = shape_setting(0.04, 1e-3, 1.0, "m", "width of the window that refines the range, a pulse's width")
+
+    @property
+    def threshold(self) -> Scalar:
+        return self.evidence
+
+    def observe(self, axis: RangeAxis, sweep: RawSweep, flags: UInt[Array | np.ndarray, ""]) -> ProfileObservation:
+        amplitudes = finite(sweep)
+        per_cell = self._bins_per_cell(axis)
+        count = axis.bins // per_cell
+        cells = amplitudes[: count * per_cell].reshape(count, per_cell).mean(axis=1)
+        centres = jnp.asarray(axis.range_m)[: count * per_cell].reshape(count, per_cell).mean(axis=1)
+        floor = noise_floor(cells)
+        # Over three cells, about a third of an echo's width: one rough cell is not an echo.
+        padded = jnp.pad(cells, 1, mode="edge")
+        smooth = (padded[:-2] + padded[1:-1] + padded[2:]) / 3.0
+        # The share of the floor that is taken away beyond it keeps its own unevenness out of the profile.
+        profile = jnp.maximum(cells - 1.1 * floor.level, 0.0)
+        selected = first_argmax(jnp.maximum(smooth - floor.level, 0.0) * (2.0 * centres) ** self.exponent)
+        strength = jnp.maximum(smooth[selected] - floor.level, 0.0)
+        half_width = max(1, round(0.5 * self.pulse_m / axis.bin_m))
+        refined = SoftArgmax(self.temperature, half_width=half_width)(
+            amplitudes, near=selected * per_cell + per_cell // 2
+        )
+        return ProfileObservation(
+            profile=profile,
+            centres_m=centres,
+            range_m=axis.at(refined.position),
+            strength=strength,
+            valid=usable(flags)
+            & (strength > 0)
+            & (strength > self.over_floor * floor.level)
+            & (strength > self.over_scatter * floor.scatter),
+            saturated=(flags & int(SweepFlag.SATURATED)) != 0,
+            reach=max(1, min(round(self.reach_m / (per_cell * axis.bin_m)), count - 1)),
+        )
+
+    def init(self, axis: RangeAxis) -> DefaultState:
+        zero, no = jnp.zeros(()), jnp.zeros((), bool)
+        cells = jnp.zeros(axis.bins // self._bins_per_cell(axis))
+        return DefaultState(cells, zero, zero, zero, zero, zero, zero, ~no, no)
+
+    def track(
+        self, state: DefaultState, observation: ProfileObservation, motion: MotionSample | None, dt: Scalar
+    ) -> tuple[DefaultState, Decision]:
+        seen = observation.valid
+        gap = state.gap_s + dt
+        # A clock that goes back says nothing of how long ago the reference was: begin anew.
+        tracking = state.tracking & (gap >= 0) & (gap <= self.longest_gap_s)
+        fresh = seen & ~tracking
+        compared = seen & tracking
+        age = jnp.where(fresh, 0.0, state.age_s + jnp.maximum(dt, 0.0))
+
+        cell = observation.centres_m[1] - observation.centres_m[0]
+        shift = profile_shift(observation.profile, state.reference, observation.reach)
+        shift_m = shift.cells * cell
+        explained = shift.unexplained_still - shift.unexplained_moved
+        moved = jnp.abs(shift_m) >= self.least_shift_m
+        statistic = jnp.where(compared & moved, jnp.maximum(explained, 0.0), 0.0)
+
+        quiet = state.quiet_s + jnp.maximum(dt, 0.0)
+        ready = (age >= self.settle_s) & state.armed & (gap > 0)
+        event = compared & ready & (statistic > self.evidence)
+        rearmed = (statistic < self.release) & (quiet >= self.refractory_s)
+
+        expected_m = state.reference_m + jnp.where(statistic > self.release, shift_m, 0.0)
+        followed_m, lost = self._follow(observation, expected_m)
+        lost_s = jnp.where(compared & lost, state.lost_s + jnp.maximum(gap, 0.0), jnp.where(seen, 0.0, state.lost_s))
+        # Another echo that stays stronger for long is the road now; taking it up is not a detection.
+        taken_up = fresh | (lost_s > self.longest_gap_s)
+        range_m = jnp.where(taken_up, observation.range_m, followed_m)
+        range_m = jnp.where(seen, range_m, state.range_m)
+
+        # The share of the newest sweep in a running mean of time constant window_s, whatever the sweep rate.
+        share = jnp.where(compared, -jnp.expm1(-jnp.maximum(gap, 0.0) / self.window_s), jnp.where(seen, 1.0, 0.0))
+        reference_m = jnp.where(seen & taken_up, range_m, state.reference_m + share * (range_m - state.reference_m))
+        after = DefaultState(
+            reference=state.reference + share * (observation.profile - state.reference),
+            reference_m=reference_m,
+            range_m=range_m,
+            age_s=age,
+            lost_s=jnp.where(taken_up, 0.0, lost_s),
+            gap_s=jnp.where(seen, 0.0, gap),
+            quiet_s=jnp.where(event, 0.0, quiet),
+            armed=jnp.where(event, False, state.armed | rearmed | fresh),
+            tracking=tracking | seen,
+        )
+        return after, Decision(
+            range_m=range_m,
+            # A running mean of time constant T lags a ramp by T: the difference over a window, not over one sweep.
+            speed_m_s=jnp.where(compared & ~taken_up, (range_m - reference_m) / self.window_s, 0.0),
+            strength=observation.strength,
+            statistic=statistic,
+            valid=seen,
+            saturated=observation.saturated,
+            event=event,
+        )
+
+    def _follow(self, observation: ProfileObservation, expected_m: Scalar) -> tuple[Scalar, Flag]:
+        """The range of the echo nearest to where it is expected, and whether a far stronger one stands elsewhere."""
+        near = jnp.abs(observation.range_m - expected_m) <= self.pulse_m
+        profile, centres = observation.profile, observation.centres_m
+        window = jnp.exp(-0.5 * ((centres - expected_m) / (0.5 * self.pulse_m)) ** 2)
+        top = first_argmax(profile * window)
+        # A peak in the first or last cell has one neighbour: counted twice, it puts the vertex on the cell.
+        left, right = jnp.abs(top - 1), profile.shape[0] - 1 - jnp.abs(profile.shape[0] - 2 - top)
+        offset, height = vertex(profile[left], profile[top], profile[right])
+        local_m = centres[top] + offset * (centres[1] - centres[0])
+        weak = height < 0.5 * jnp.max(profile)
+        return jnp.where(near, observation.range_m, jnp.where(height > 0, local_m, expected_m)), ~near & weak
+
+    def _bins_per_cell(self, axis: RangeAxis) -> int:
+        # At least two cells, or there is nothing to shift.
+        return max(1, min(round(self.cell_m / axis.bin_m), axis.bins // 2))

@@ -1,0 +1,129 @@
+"""Detectors as TOML files: what the command line, Python and the device share.
+
+```toml
+format = 1
+detector = "default"
+evidence = 0.12          # any setting of the detector; those that are left out keep their default
+
+[mounting]               # optional
+height_m = 0.35
+angle_deg = 45.0
+front_wheel_m = 0.15
+
+[provenance]             # optional, free: where the values come from
+```
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxradar._errors import ConfigError
+from jaxradar._toml import check_keys, nearest, read_toml, toml_line
+from jaxradar.drive import Mounting
+from jaxradar.systems.step.config import StepDetector
+from jaxradar.systems.step.default import DefaultDetector
+from jaxradar.systems.step.lab_live import LabLiveDetector
+from jaxradar.systems.step.thesis import ThesisDetector
+
+__all__ = ["DETECTORS", "DetectorFile", "dump_detector", "load_detector"]
+
+FORMAT = 1
+DETECTORS: dict[str, type[StepDetector[Any, Any]]] = {
+    kind.name: kind for kind in (ThesisDetector, LabLiveDetector, DefaultDetector)
+}
+
+
+@dataclass(frozen=True, eq=False)
+class DetectorFile:
+    """A detector with the mounting it is for, where known, and where its values come from."""
+
+    detector: StepDetector[Any, Any]
+    mounting: Mounting | None = None
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+
+def load_detector(name_or_path: str | PathLike[str]) -> DetectorFile:
+    """A detector by its name (`thesis`, `lab-live`, `default`) or from a TOML file.
+
+    Raises `ConfigError` for an unknown name, an unreadable file, an unknown key (naming the nearest known one), a
+    value of the wrong type or outside its bounds.
+    """
+    name = fspath(name_or_path)
+    if name in DETECTORS:
+        return DetectorFile(DETECTORS[name]())
+    if not name.endswith(".toml") and not Path(name).exists():
+        raise ConfigError(
+            f"unknown detector `{name}`{nearest(name, DETECTORS)}; expected {', '.join(DETECTORS)} or a .toml file."
+        )
+    return _parse(name, read_toml(name))
+
+
+def _parse(path: str, tables: dict[str, Any]) -> DetectorFile:
+    if tables.get("format") != FORMAT:
+        raise ConfigError(f"{path}: `format` must be {FORMAT}; got {tables.get('format', 'none')!r}.")
+    name = tables.get("detector")
+    if not isinstance(name, str) or name not in DETECTORS:
+        raise ConfigError(
+            f"{path}: unknown `detector` {name!r}{nearest(str(name), DETECTORS)}; expected {', '.join(DETECTORS)}."
+        )
+    kind = DETECTORS[name]
+    settings = {one.name: one for one in dataclasses.fields(kind)}
+    check_keys(path, tables, ["format", "detector", *settings, "mounting", "provenance"], f"the detector `{name}`")
+    values = {key: _value(path, settings[key], tables[key]) for key in settings if key in tables}
+    try:
+        detector = kind(**values)
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    provenance = _table(path, tables, "provenance")
+    mounting = None
+    if "mounting" in tables:
+        given = _table(path, tables, "mounting")
+        names = [one.name for one in dataclasses.fields(Mounting)]
+        check_keys(path, given, names, "[mounting]")
+        for key, value in given.items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+                raise ConfigError(f"{path}: `{key}` in [mounting] must be a finite number; got {value!r}.")
+        mounting = Mounting(**{key: float(value) for key, value in given.items()})
+    return DetectorFile(detector, mounting, provenance)
+
+
+def _table(path: str, tables: dict[str, Any], key: str) -> dict[str, Any]:
+    table = tables.get(key, {})
+    if not isinstance(table, dict):
+        raise ConfigError(f"{path}: [{key}] must be a table; got {table!r}.")
+    return table
+
+
+def _value(path: str, one: dataclasses.Field[Any], value: Any) -> Any:
+    wanted = bool if isinstance(one.default, bool) else float
+    if isinstance(value, bool) != (wanted is bool) or not isinstance(value, int | float):
+        expected = "true or false" if wanted is bool else "a number"
+        raise ConfigError(f"{path}: `{one.name}` must be {expected}; got {value!r}.")
+    return wanted(value)
+
+
+def dump_detector(file: DetectorFile | str) -> str:
+    """A detector as TOML text, each setting with its unit and meaning. A name gives that detector's defaults."""
+    if isinstance(file, str):
+        file = load_detector(file)
+    detector = file.detector
+    lines = [toml_line("format", FORMAT), toml_line("detector", detector.name), ""]
+    for one in dataclasses.fields(detector):
+        value = getattr(detector, one.name)
+        plain = value if isinstance(value, bool) else float(value)
+        unit = f"{one.metadata['unit']}: " if one.metadata["unit"] else ""
+        lines.append(toml_line(one.name, plain, unit + one.metadata["doc"]))
+    if file.mounting is not None:
+        lines += ["", "[mounting]"]
+        lines += [toml_line(key, value) for key, value in vars(file.mounting).items() if value is not None]
+    if file.provenance:
+        lines += ["", "[provenance]"]
+        lines += [toml_line(key, value) for key, value in file.provenance.items()]
+    return "\n".join(lines) + "\n"

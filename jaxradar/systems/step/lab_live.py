@@ -1,0 +1,106 @@
+"""The alarm of the lab's acquisition program while driving (thesis, appendix C.1, lines 131 to 147, 253 to 275)."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import UInt
+
+from jaxradar._numerics import finite, first_argmax
+from jaxradar._types import Array, Flag, RawSweep, Scalar, Sweep
+from jaxradar.drive import SweepFlag
+from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector, setting, shape_setting
+from jaxradar.systems.step.thesis import SweepPeak, usable
+
+__all__ = ["LabLiveDetector", "LabLiveState"]
+
+VALUES_KEPT = 128  # REQ_DATA_NUM of the program
+
+
+class LabLiveState(eqx.Module):
+    """The distance that the program's global variable holds (0: no object), its age, and the last byte sent."""
+
+    distance_m: Scalar
+    elapsed_s: Scalar
+    near: Flag
+
+
+class LabLiveDetector(StepDetector[SweepPeak, LabLiveState]):
+    """Byte 1 while the strongest echo is nearer than 0.15 m; a change from 0 to 1 is a detection.
+
+    The raw maximum counts, the first of equals, if it is above 1000 counts; else there is no object.
+    `correct_loss` brings back the correction that the program has commented out, a + a d/2 at d metres beyond the
+    first bin, cut to whole counts.
+
+    The program scales its index over the full sweep by length/128 and forgets where the sweep starts (11 times too
+    far at 1446 bins), keeps the last distance when a read fails, and takes an object in the first bin for none.
+    All three are mended here; `as_it_was` brings them back. On a log that was thinned to 128 bins only the missing
+    start remains of the first, since the full sweep is not in the log.
+    """
+
+    name: ClassVar[str] = "lab-live"
+    statistic_name: ClassVar[str] = "nearness"
+    statistic_unit: ClassVar[str] = "1/m"
+    float64: ClassVar[bool] = True
+
+    nearest_m: Scalar = setting(0.15, 1e-3, 1e3, "m", "an object nearer than this raises the alarm")
+    least_counts: Scalar = setting(1000.0, 0.0, 65535.0, "counts", "a maximum must be above this to be an object")
+    correct_loss: bool = shape_setting(False, 0, 1, "", "apply the program's disabled loss correction")
+    as_it_was: bool = shape_setting(False, 0, 1, "", "keep the program's faults in scale, start and stale distance")
+
+    @property
+    def threshold(self) -> Any:
+        return 1.0 / self.nearest_m
+
+    def observe(self, axis: RangeAxis, sweep: RawSweep, flags: UInt[Array | np.ndarray, ""]) -> SweepPeak:
+        amplitudes = finite(sweep)
+        metres = self._metres(axis)
+        if self.correct_loss:
+            # The program writes the product back into its uint16 array; what C leaves undefined there is clipped.
+            offset = metres if self.as_it_was else axis.range_m - axis.range_m[0]
+            amplitudes = jnp.clip(jnp.floor(amplitudes + 0.5 * amplitudes * offset), 0.0, 65535.0)
+        peak = first_argmax(amplitudes)
+        return SweepPeak(
+            range_m=metres[peak],
+            strength=amplitudes[peak],
+            valid=usable(flags),
+            saturated=(flags & int(SweepFlag.SATURATED)) != 0,
+        )
+
+    def _metres(self, axis: RangeAxis) -> Sweep:
+        if not self.as_it_was:
+            return jnp.asarray(axis.range_m)
+        step = (axis.range_m[-1] - axis.range_m[0]) / (axis.bins - 1)
+        return jnp.arange(axis.bins) * (step * axis.bins / VALUES_KEPT)
+
+    def init(self, axis: RangeAxis) -> LabLiveState:
+        return LabLiveState(jnp.zeros(()), jnp.zeros(()), jnp.zeros((), bool))
+
+    def track(
+        self, state: LabLiveState, observation: SweepPeak, motion: MotionSample | None, dt: Scalar
+    ) -> tuple[LabLiveState, Decision]:
+        seen = observation.valid & (observation.strength > self.least_counts)
+        distance = jnp.where(seen, observation.range_m, 0.0)
+        if self.as_it_was:
+            distance = jnp.where(observation.valid, distance, state.distance_m)
+            near = (distance != 0.0) & (distance < self.nearest_m)
+        else:
+            near = seen & (distance < self.nearest_m)
+        elapsed = state.elapsed_s + dt
+        moved = seen & (state.distance_m != 0.0) & (elapsed > 0)
+        speed = jnp.where(moved, (distance - state.distance_m) / jnp.where(moved, elapsed, 1.0), 0.0)
+        held = distance != 0.0
+        nearness = jnp.where(held, 1.0 / jnp.where(held, distance, 1.0), 0.0)
+        after = LabLiveState(distance, jnp.where(seen, 0.0, elapsed), near)
+        return after, Decision(
+            range_m=distance,
+            speed_m_s=speed,
+            strength=observation.strength,
+            statistic=nearness,
+            valid=held,
+            saturated=observation.saturated,
+            event=near & ~state.near,
+        )

@@ -1,0 +1,138 @@
+"""A detector over whole series and padded batches of them: the same `observe` and `track` everywhere."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int, Shaped, UInt
+
+from jaxradar._errors import ConfigError
+from jaxradar._types import Array
+from jaxradar.drive import NANOSECONDS, Motion, SensorSeries, SweepFlag
+from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
+from jaxradar.systems.step.result import StepEvent, StepTrace
+
+__all__ = ["detect", "precision", "run", "run_batch", "thin", "time_steps"]
+
+
+def time_steps(times_ns: Int[np.ndarray, " sweeps"]) -> Float[np.ndarray, " sweeps"]:
+    """Seconds since the sweep before, 0 for the first: differenced in integers, so that a day's log loses nothing."""
+    return np.diff(times_ns, prepend=times_ns[:1]) / NANOSECONDS
+
+
+def precision(detector: StepDetector[Any, Any]) -> contextlib.AbstractContextManager[Any]:
+    """The precision that a detector must run in; JAX's own setting otherwise. A context, never a global change."""
+    return jax.enable_x64(True) if detector.float64 else contextlib.nullcontext()
+
+
+def run(
+    detector: StepDetector[Any, Any],
+    axis: RangeAxis,
+    sweeps: Shaped[Array | np.ndarray, "sweeps bins"],
+    flags: UInt[Array | np.ndarray, " sweeps"],
+    dt: Float[Array | np.ndarray, " sweeps"],
+) -> Decision:
+    """All decisions on one series, each field of shape (sweeps,): pure, to be jit-compiled and differentiated.
+
+    `dt` as from `time_steps`. Call it inside `precision(detector)`.
+    """
+    observations = jax.vmap(partial(detector.observe, axis))(sweeps, flags)
+
+    def step(state: Any, inputs: tuple[Any, Any]) -> tuple[Any, Decision]:
+        observation, elapsed = inputs
+        return detector.track(state, observation, None, elapsed)
+
+    _, decisions = jax.lax.scan(step, detector.init(axis), (observations, jnp.asarray(dt, jnp.result_type(float))))
+    return decisions
+
+
+def run_batch(
+    detector: StepDetector[Any, Any],
+    axis: RangeAxis,
+    sweeps: Shaped[Array | np.ndarray, "logs sweeps bins"],
+    flags: UInt[Array | np.ndarray, "logs sweeps"],
+    dt: Float[Array | np.ndarray, "logs sweeps"],
+    lengths: Int[Array | np.ndarray, " logs"],
+) -> Decision:
+    """All decisions on a batch of series of one range axis, each field (logs, sweeps); invalid beyond `lengths`."""
+    beyond = jnp.arange(sweeps.shape[1]) >= jnp.asarray(lengths)[:, None]
+    flags = jnp.where(beyond, flags | np.uint16(SweepFlag.NO_AMPLITUDES), flags).astype(jnp.uint16)
+    return jax.vmap(partial(run, detector, axis))(sweeps, flags, dt)
+
+
+_run = jax.jit(run)
+
+
+def _padded_length(count: int) -> int:
+    """The next length of 1, 1.25, 1.5 or 1.75 times a power of two: few programs, little padding."""
+    quarter = max(1, (1 << max(count - 1, 1).bit_length()) // 8)
+    return -(-max(count, 1) // quarter) * quarter
+
+
+def detect(detector: StepDetector[Any, Any], series: SensorSeries, motion: Motion | None = None) -> StepTrace:
+    """Find the road steps in one series of sweeps.
+
+    `motion` is for detectors that use it; none of the present ones does.
+    """
+    count, padded = len(series), _padded_length(len(series))
+    with precision(detector):
+        decisions = _run(
+            detector,
+            RangeAxis.of(series.range_m),
+            np.pad(series.sweeps, ((0, padded - count), (0, 0))),
+            np.pad(series.flags, (0, padded - count), constant_values=int(SweepFlag.NO_AMPLITUDES)),
+            np.pad(time_steps(series.times_ns), (0, padded - count)),
+        )
+        host = {
+            field.name: np.asarray(getattr(decisions, field.name))[:count] for field in dataclasses.fields(Decision)
+        }
+    return _trace(detector, series, host)
+
+
+def _trace(detector: StepDetector[Any, Any], series: SensorSeries, host: dict[str, np.ndarray]) -> StepTrace:
+    times_s = series.times_s
+    threshold = float(detector.threshold)
+    events = tuple(
+        StepEvent(
+            time_s=float(times_s[i]),
+            range_m=float(host["range_m"][i]),
+            strength=float(host["strength"][i]),
+            statistic=float(host["statistic"][i]),
+            threshold=threshold,
+            sweep=int(i),
+        )
+        for i in np.flatnonzero(host["event"])
+    )
+    valid = host["valid"]
+    return StepTrace(
+        sensor=series.sensor,
+        times_s=times_s,
+        range_m=np.where(valid, host["range_m"], np.nan),
+        speed_m_s=np.where(valid, host["speed_m_s"], np.nan),
+        strength=host["strength"],
+        statistic=host["statistic"],
+        valid=valid,
+        saturated=host["saturated"],
+        threshold=threshold,
+        statistic_name=detector.statistic_name,
+        statistic_unit=detector.statistic_unit,
+        events=events,
+    )
+
+
+def thin(series: SensorSeries, bins: int) -> SensorSeries:
+    """Every n-th bin as the lab's program keeps them: out[i] = data[len·i // bins] (thesis, appendix C.1, line 243).
+
+    No anti-alias filter, as there. Raises `ConfigError` unless 2 <= bins <= the log's own.
+    """
+    have = len(series.range_m)
+    if not 2 <= bins <= have:
+        raise ConfigError(f"cannot thin {have} range bins to {bins}; expected a number from 2 to {have}.")
+    kept = have * np.arange(bins) // bins
+    return dataclasses.replace(series, sweeps=np.asarray(series.sweeps)[:, kept], range_m=series.range_m[kept])
