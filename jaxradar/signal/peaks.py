@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxradar._numerics import as_scalar, finite, first_argmax, safe_divide
-from jaxradar._types import Flag, Index, RawSweep, Scalar, Sweep
+from jaxradar._types import Flag, Index, RawSweep, Scalar, Setting, Sweep
 from jaxradar.signal.pulses import SIGMA_PER_FWHM, gaussian_pulse
 
 __all__ = ["ArgMax", "MatchedFilter", "Parabola", "Peak", "PeakEstimator", "SoftArgmax", "vertex"]
@@ -125,13 +125,15 @@ class SoftArgmax(PeakEstimator):
     between them unless `half_width` keeps one of them out.
     """
 
-    temperature: Scalar = eqx.field(converter=as_scalar, default=0.1)
+    temperature: Setting = eqx.field(converter=as_scalar, default=0.1)
     half_width: int | None = eqx.field(static=True, default=None, kw_only=True)
 
     def locate(self, window: Sweep) -> Scalar:
         bins = jnp.arange(window.shape[0], dtype=window.dtype)
         top = jnp.max(window)
-        exponent = (safe_divide(window, jnp.broadcast_to(top, window.shape)) - 1.0) / self.temperature
+        exponent = (safe_divide(window, jnp.broadcast_to(top, window.shape)) - 1.0) / jnp.asarray(
+            self.temperature, window.dtype
+        )
         # The window's own maximum weighs 1, so the sum is at least 1, whatever underflows beside it.
         weights = jnp.exp(exponent)
         # Distances from the largest bin, not from bin 0: small numbers keep float32's digits.

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import UInt
 
 from jaxradar._numerics import as_scalar
-from jaxradar._types import Array, Flag, RangeBins, RawSweep, Scalar
+from jaxradar._types import Array, Flag, RangeBins, RawSweep, Scalar, Setting
 
 __all__ = ["Decision", "MotionSample", "RangeAxis", "StepDetector", "setting", "shape_setting"]
 
@@ -99,7 +99,7 @@ class StepDetector(eqx.Module, Generic[Observed, State]):
     float64: ClassVar[bool] = False
 
     @property
-    def threshold(self) -> Any:
+    def threshold(self) -> Setting:
         """What the statistic is compared with."""
         raise NotImplementedError
 

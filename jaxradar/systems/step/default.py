@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import UInt
 
 from jaxradar._numerics import finite, first_argmax
-from jaxradar._types import Array, Counts, Flag, RawSweep, Scalar
+from jaxradar._types import Array, Counts, Flag, RawSweep, Scalar, Setting
 from jaxradar.drive import SweepFlag
 from jaxradar.signal.clutter import noise_floor
 from jaxradar.signal.correlate import profile_shift
@@ -69,23 +69,25 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     statistic_name: ClassVar[str] = "evidence of a shift"
     statistic_unit: ClassVar[str] = "share of the profile"
 
-    evidence: Scalar = setting(0.16, 0.0, 1.0, "", "a shift must explain this share of the profile more than none does")
-    release: Scalar = setting(0.08, 0.0, 1.0, "", "the evidence must fall below this before the next detection")
-    least_shift_m: Scalar = setting(0.006, 0.0, 1.0, "m", "a smaller shift is no step")
-    window_s: Scalar = setting(0.03, 1e-3, 10.0, "s", "time constant of the running mean a sweep is compared with")
-    settle_s: Scalar = setting(0.08, 0.0, 10.0, "s", "no detection so soon after a track has begun")
-    refractory_s: Scalar = setting(0.2, 0.0, 10.0, "s", "no second detection so soon after one")
-    longest_gap_s: Scalar = setting(0.3, 1e-3, 10.0, "s", "a longer time without a valid sweep begins a new track")
-    over_floor: Scalar = setting(0.58, 0.0, 100.0, "", "an echo must rise this many floor levels above the floor")
-    over_scatter: Scalar = setting(9.0, 0.0, 1e3, "", "and this many standard deviations of the floor's noise")
-    exponent: Scalar = setting(0.0, 0.0, 6.0, "", "the echo is selected on amplitudes times (2r)^exponent")
-    temperature: Scalar = setting(0.1, 1e-3, 10.0, "", "of the soft-argmax that refines the range")
+    evidence: Setting = setting(
+        0.16, 0.0, 1.0, "", "a shift must explain this share of the profile more than none does"
+    )
+    release: Setting = setting(0.08, 0.0, 1.0, "", "the evidence must fall below this before the next detection")
+    least_shift_m: Setting = setting(0.006, 0.0, 1.0, "m", "a smaller shift is no step")
+    window_s: Setting = setting(0.03, 1e-3, 10.0, "s", "time constant of the running mean a sweep is compared with")
+    settle_s: Setting = setting(0.08, 0.0, 10.0, "s", "no detection so soon after a track has begun")
+    refractory_s: Setting = setting(0.2, 0.0, 10.0, "s", "no second detection so soon after one")
+    longest_gap_s: Setting = setting(0.3, 1e-3, 10.0, "s", "a longer time without a valid sweep begins a new track")
+    over_floor: Setting = setting(0.58, 0.0, 100.0, "", "an echo must rise this many floor levels above the floor")
+    over_scatter: Setting = setting(9.0, 0.0, 1e3, "", "and this many standard deviations of the floor's noise")
+    exponent: Setting = setting(0.0, 0.0, 6.0, "", "the echo is selected on amplitudes times (2r)^exponent")
+    temperature: Setting = setting(0.1, 1e-3, 10.0, "", "of the soft-argmax that refines the range")
     cell_m: float = shape_setting(0.0095, 1e-4, 1.0, "m", "size of a range cell")
     reach_m: float = shape_setting(0.12, 1e-3, 10.0, "m", "largest shift that is tried")
     pulse_m: float = shape_setting(0.04, 1e-3, 1.0, "m", "width of the window that refines the range, a pulse's width")
 
     @property
-    def threshold(self) -> Scalar:
+    def threshold(self) -> Setting:
         return self.evidence
 
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: UInt[Array | np.ndarray, ""]) -> ProfileObservation:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import UInt
 
 from jaxradar._numerics import finite, first_argmax
-from jaxradar._types import Array, Flag, RawSweep, Scalar, Sweep
+from jaxradar._types import Array, Flag, RawSweep, Scalar, Setting, Sweep
 from jaxradar.drive import SweepFlag
 from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector, setting, shape_setting
 from jaxradar.systems.step.thesis import SweepPeak, usable
@@ -46,13 +46,13 @@ class LabLiveDetector(StepDetector[SweepPeak, LabLiveState]):
     statistic_unit: ClassVar[str] = "1/m"
     float64: ClassVar[bool] = True
 
-    nearest_m: Scalar = setting(0.15, 1e-3, 1e3, "m", "an object nearer than this raises the alarm")
-    least_counts: Scalar = setting(1000.0, 0.0, 65535.0, "counts", "a maximum must be above this to be an object")
+    nearest_m: Setting = setting(0.15, 1e-3, 1e3, "m", "an object nearer than this raises the alarm")
+    least_counts: Setting = setting(1000.0, 0.0, 65535.0, "counts", "a maximum must be above this to be an object")
     correct_loss: bool = shape_setting(False, 0, 1, "", "apply the program's disabled loss correction")
     as_it_was: bool = shape_setting(False, 0, 1, "", "keep the program's faults in scale, start and stale distance")
 
     @property
-    def threshold(self) -> Any:
+    def threshold(self) -> Setting:
         return 1.0 / self.nearest_m
 
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: UInt[Array | np.ndarray, ""]) -> SweepPeak:
@@ -86,9 +86,7 @@ class LabLiveDetector(StepDetector[SweepPeak, LabLiveState]):
         distance = jnp.where(seen, observation.range_m, 0.0)
         if self.as_it_was:
             distance = jnp.where(observation.valid, distance, state.distance_m)
-            near = (distance != 0.0) & (distance < self.nearest_m)
-        else:
-            near = seen & (distance < self.nearest_m)
+        near = (distance != 0.0) & (distance < self.nearest_m)
         elapsed = state.elapsed_s + dt
         moved = seen & (state.distance_m != 0.0) & (elapsed > 0)
         speed = jnp.where(moved, (distance - state.distance_m) / jnp.where(moved, elapsed, 1.0), 0.0)

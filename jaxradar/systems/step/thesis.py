@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import UInt
 
 from jaxradar._numerics import finite, first_argmax
-from jaxradar._types import Array, Flag, RawSweep, Scalar
+from jaxradar._types import Array, Flag, RawSweep, Scalar, Setting
 from jaxradar.drive import SweepFlag
 from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector, setting
 
@@ -53,11 +53,11 @@ class ThesisDetector(StepDetector[SweepPeak, ThesisState]):
     statistic_unit: ClassVar[str] = "m/s"
     float64: ClassVar[bool] = True
 
-    threshold_m_s: Scalar = setting(0.7, 0.0, 1e3, "m/s", "a range rate above this is a step (thesis, section 6.1)")
-    exponent: Scalar = setting(2.0, 0.0, 6.0, "", "amplitudes are multiplied by (2r)^exponent (thesis, B.2)")
+    threshold_m_s: Setting = setting(0.7, 0.0, 1e3, "m/s", "a range rate above this is a step (thesis, section 6.1)")
+    exponent: Setting = setting(2.0, 0.0, 6.0, "", "amplitudes are multiplied by (2r)^exponent (thesis, B.2)")
 
     @property
-    def threshold(self) -> Scalar:
+    def threshold(self) -> Setting:
         return self.threshold_m_s
 
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: UInt[Array | np.ndarray, ""]) -> SweepPeak:
