@@ -10,10 +10,9 @@ from io import FileIO
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from jaxradar._errors import LogError
 from jaxradar.drive import Drive, Mounting, Truth
@@ -33,6 +32,8 @@ from jaxradar.drivefile.reader import open_column
 from jaxradar.drivefile.staged import staged
 
 __all__ = ["DriveWriter", "is_drive_folder", "write_drive"]
+
+Numbers = int | float | np.generic | np.ndarray | Sequence[Any]
 
 
 class DriveWriter:
@@ -98,7 +99,7 @@ class DriveWriter:
         self._open(folder, header)
 
     @classmethod
-    def reopen(cls, path: str | PathLike[str]) -> Self:
+    def reopen(cls, path: str | PathLike[str]) -> DriveWriter:
         """Go on with a drive: what a crash left behind its last whole sweep is cut off, which `problems` then says.
 
         Raises `LogError` if there is no drive to be read.
@@ -133,7 +134,7 @@ class DriveWriter:
             content = (folder / name).read_bytes()
             self._written[name] = len(content), zlib.crc32(content)
 
-    def append(self, sensor: int, times_ns: ArrayLike, sweeps: ArrayLike, flags: ArrayLike = 0) -> None:
+    def append(self, sensor: int, times_ns: Numbers, sweeps: Numbers, flags: Numbers = 0) -> None:
         """Add one sweep, or many: times () or (n,) in integer nanoseconds, sweeps (bins,) or (n, bins) of the sensor's
         dtype, flags () or (n,) of `SweepFlag`.
 
@@ -153,7 +154,7 @@ class DriveWriter:
         records["flags"] = flags
         self._commit(column, records, np.ascontiguousarray(rows, column.row.base))
 
-    def append_motion(self, name: str, times_ns: ArrayLike, values: ArrayLike) -> None:
+    def append_motion(self, name: str, times_ns: Numbers, values: Numbers) -> None:
         """Add one sample of a channel, or many: times and values () or (n,), in nanoseconds and the channel's unit.
 
         Raises as `append` does.
@@ -188,7 +189,7 @@ class DriveWriter:
             file.close()
         self._files = {}
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> DriveWriter:
         return self
 
     def __exit__(
@@ -231,7 +232,7 @@ def _write_all(file: FileIO, content: bytes) -> None:
         rest = rest[file.write(rest) :]
 
 
-def _records(column: Column, times_ns: ArrayLike, count: int) -> np.ndarray:
+def _records(column: Column, times_ns: Numbers, count: int) -> np.ndarray:
     times = np.atleast_1d(np.asarray(times_ns))
     if times.shape != (count,) or (count and times.dtype.kind not in "iu"):
         raise ValueError(

@@ -22,6 +22,7 @@ import numpy as np
 from jaxradar._errors import LogError
 from jaxradar.drive import NANOSECONDS, Drive, SensorSeries, SweepFlag
 from jaxradar.logs.clock import odd_times
+from jaxradar.logs.hdf5_text import heap_text
 from jaxradar.logs.truth import read_truth, truth_path
 
 __all__ = ["read_acconeer_h5"]
@@ -163,13 +164,20 @@ class _Recording:
         dataset = self._dataset(name)
         if dataset.shape != () or dataset.dtype.kind not in "OS":
             raise self._refuse(name, f"is {dataset.dtype} of shape {dataset.shape}; expected one text.")
-        value = dataset[()]
-        if not isinstance(value, bytes):
-            raise self._refuse(name, f"holds {type(value).__name__}; expected a text.")
+        value = dataset[()] if dataset.dtype.kind == "S" else self._heap_text(name, dataset)
         try:
-            return value.decode()
+            return bytes(value).decode()
         except UnicodeDecodeError as error:
             raise self._refuse(name, f"is no UTF-8: {error}.") from error
+
+    def _heap_text(self, name: str, dataset: Any) -> bytes:
+        offset = dataset.id.get_offset()
+        if offset is None or self.file.id.get_create_plist().get_sizes() != (8, 8) or self.file.userblock_size:
+            raise self._refuse(name, "is not stored as h5py stores a text.")
+        try:
+            return heap_text(self.path, offset)
+        except ValueError as error:
+            raise self._refuse(name, f"is damaged: {error}.") from error
 
     def _json(self, name: str) -> Any:
         try:

@@ -96,7 +96,7 @@ def _number(path: Path, place: str, found: dict[str, Any], name: str) -> float |
     return float(value)
 
 
-def _finite(value: float) -> bool:
+def _finite(value: int | float) -> bool:
     try:
         return math.isfinite(value)
     except OverflowError:  # a whole number beyond float64
