@@ -237,10 +237,9 @@ def test_a_full_disk_cuts_the_drive_before_the_call_that_failed(tmp_path: Path) 
     writer.append(3, 0, np.ones(3, np.uint16))
 
     whole = writer._files["3.index"]
-    writer._files["3.index"] = Path("/dev/full").open("ab", buffering=0)
-    with pytest.raises(LogError, match="No space left"):
+    with Path("/dev/full").open("ab", buffering=0) as full, pytest.raises(LogError, match="No space left"):
+        writer._files["3.index"] = full
         writer.append(3, 1, np.ones(3, np.uint16))
-    writer._files["3.index"].close()
     writer._files["3.index"] = whole
     writer.append(3, 2, np.full(3, 2, np.uint16))
     writer.close()
