@@ -1,1 +1,126 @@
-"""Vectorised, differentiable signal processing for the range sensors of cars, in JAX."""
+"""Vectorised, differentiable signal processing for the range sensors of cars, in JAX.
+
+Logs in and out:
+
+- `read_log`, `write_log`: a log of any kind as a `Drive`, and back.
+- `find_logs`: the logs that files, folders and patterns name.
+- `Drive`: one drive as recorded.
+- `SensorSeries`: all sweeps of one sensor, with their times, flags and range axis.
+- `SweepFlag`: what the sensor, or the reader, said of one sweep.
+- `Motion`, `Channel`: how the car moved; one quantity over time.
+- `Mounting`: how the sensor sits on the car.
+- `Truth`, `RoadStep`: every step that a drive went over; one of them.
+
+Steps out:
+
+- `load_detector`: a detector by name or from a TOML file, as a `DetectorFile`.
+- `dump_detector`: a detector as commented TOML.
+- `detect`: run a detector over a series.
+- `thin`: keep some of the range bins, as the lab's program does.
+- `StepTrace`, `StepEvent`: all that a detector found out about a series; one detection.
+
+Held against the truth:
+
+- `match_steps`: match detections with steps, as a `Matching`.
+- `MatchWindow`: how long before an impact a detection may come.
+- `summarise`: many outcomes as one `Summary`.
+- `propose_steps`: steps proposed from the acceleration.
+
+Drives and figures:
+
+- `demo_drive`: a synthetic drive over a step, made after a `DemoScene`.
+- `plot_drive`, `plot_sweeps`: figures of a series and of what was found in it.
+
+What a user can get wrong is said in one sentence:
+
+- `JaxradarError`: base of the two below.
+- `LogError`: a log that cannot be read as what it claims to be.
+- `ConfigError`: a setting that is unknown or outside its bounds.
+
+Each name is imported when it is first used, so that `import jaxradar` is quick. No global setting of JAX is changed.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jaxradar._errors import ConfigError, JaxradarError, LogError
+    from jaxradar.drive import Channel, Drive, Motion, Mounting, RoadStep, SensorSeries, SweepFlag, Truth
+    from jaxradar.evaluation import Matching, MatchWindow, Summary, match_steps, summarise
+    from jaxradar.labels import propose_steps
+    from jaxradar.logs import find_logs, read_log, write_log
+    from jaxradar.plots import plot_drive, plot_sweeps
+    from jaxradar.sim import DemoScene, demo_drive
+    from jaxradar.systems.step import (
+        DetectorFile,
+        StepEvent,
+        StepTrace,
+        detect,
+        dump_detector,
+        load_detector,
+        thin,
+    )
+
+__all__ = [
+    "Channel",
+    "ConfigError",
+    "DemoScene",
+    "DetectorFile",
+    "Drive",
+    "JaxradarError",
+    "LogError",
+    "MatchWindow",
+    "Matching",
+    "Motion",
+    "Mounting",
+    "RoadStep",
+    "SensorSeries",
+    "StepEvent",
+    "StepTrace",
+    "Summary",
+    "SweepFlag",
+    "Truth",
+    "demo_drive",
+    "detect",
+    "dump_detector",
+    "find_logs",
+    "load_detector",
+    "match_steps",
+    "plot_drive",
+    "plot_sweeps",
+    "propose_steps",
+    "read_log",
+    "summarise",
+    "thin",
+    "write_log",
+]
+
+_HOMES = {
+    "_errors": "ConfigError JaxradarError LogError",
+    "drive": "Channel Drive Motion Mounting RoadStep SensorSeries SweepFlag Truth",
+    "evaluation": "MatchWindow Matching Summary match_steps summarise",
+    "labels": "propose_steps",
+    "logs": "find_logs read_log write_log",
+    "plots": "plot_drive plot_sweeps",
+    "sim": "DemoScene demo_drive",
+    "systems.step": "DetectorFile StepEvent StepTrace detect dump_detector load_detector thin",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version(__name__)
+    for home, names in _HOMES.items():
+        if name in names.split():
+            value = getattr(importlib.import_module(f"{__name__}.{home}"), name)
+            globals()[name] = value  # the next access finds it without coming here
+            return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, "__version__"})

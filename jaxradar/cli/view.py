@@ -1,0 +1,62 @@
+"""`jaxradar view`: one log as figures."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from jaxradar._errors import LogError
+from jaxradar.cli._options import add_command, add_selection, check_part
+from jaxradar.cli._output import ready_folder, shown
+
+__all__ = ["add_to"]
+
+_DESCRIPTION = """\
+Draw a log as PNG figures, two for each sensor: the map of amplitude over time
+and range with the followed range, the detector's statistic with its threshold
+and detections, and the acceleration if it was recorded; and all sweeps laid
+over each other."""
+
+
+def add_to(commands: Any) -> None:
+    """Make the command known."""
+    parser = add_command(
+        commands,
+        "view",
+        _run,
+        summary="draw a log and what a detector sees in it",
+        description=_DESCRIPTION,
+        example="jaxradar view log/07_21_14_03_55 --start 15 --stop 35 -o figures",
+    )
+    parser.add_argument("log", metavar="LOG", help="a log")
+    parser.add_argument("-o", "--output", default="jaxradar-figures", metavar="DIR", help="default: jaxradar-figures")
+    add_selection(parser)
+
+
+def _run(args: argparse.Namespace) -> int:
+    check_part(args.start, args.stop)
+    from jaxradar.cli._detect import Selection, all_logs, detect_in, figure_files
+    from jaxradar.evaluation import MatchWindow
+    from jaxradar.logs import read_log
+    from jaxradar.systems.step import load_detector
+
+    detector = load_detector(args.detector).detector
+    logs, empty = all_logs([args.log])
+    if empty or len(logs) > 1:
+        count = len(logs) or "no"
+        raise LogError(args.log, f"holds {count} logs; expected one log, `jaxradar evaluate --figures` draws many.")
+    drive = read_log(logs[0])
+    folder = ready_folder(args.output, "--output")
+    assert folder is not None
+    selection = Selection(args.sensor, args.start, args.stop, args.thin)
+    names: set[str] = set()
+    written = [
+        path
+        for outcome in detect_in(logs[0], drive, detector, selection, MatchWindow())
+        for path in figure_files(outcome, folder, detector.name, names)
+    ]
+    if not written:
+        raise LogError(args.log, "holds no sweep that could be drawn.")
+    for path in written:
+        print(shown(path))
+    return 0

@@ -1,0 +1,78 @@
+"""The public names, and what importing the package costs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import jaxradar
+
+ROOT = Path(__file__).parents[1]
+
+
+def fresh(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+
+
+@pytest.mark.parametrize("name", jaxradar.__all__)
+def test_every_public_name_resolves_and_is_documented(name: str) -> None:
+    value = getattr(jaxradar, name)
+    assert value.__name__ == name
+    assert value.__doc__
+    assert jaxradar.__doc__ is not None
+    assert f"`{name}`" in jaxradar.__doc__
+
+
+def test_public_names_stand_in_every_list_of_them() -> None:
+    homes = [name for names in jaxradar._HOMES.values() for name in names.split()]
+    assert sorted(homes) == sorted(jaxradar.__all__)
+    assert set(jaxradar.__all__) <= set(dir(jaxradar))
+
+
+def test_version_is_the_projects() -> None:
+    assert jaxradar.__version__ == tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+
+
+def test_unknown_names_are_refused() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'read_logs'"):
+        jaxradar.read_logs  # noqa: B018
+    with pytest.raises(ImportError):
+        fresh_import = "read_logs"
+        exec(f"from jaxradar import {fresh_import}")
+
+
+def test_importing_the_package_imports_nothing_heavy() -> None:
+    loaded = fresh("import sys, jaxradar; print(*sys.modules)").stdout.split()
+    assert not {"numpy", "jax", "equinox", "matplotlib", "h5py", "pyarrow", "rich"} & set(loaded)
+
+
+def test_help_imports_nothing_heavy_and_answers_at_once() -> None:
+    code = "import sys; from jaxradar.cli import main; assert main(['--help']) == 0; print('#', *sys.modules)"
+    loaded = fresh(code).stdout.split("#")[1].split()
+    assert not {"numpy", "jax", "equinox", "matplotlib", "h5py", "pyarrow", "rich"} & set(loaded)
+    taken = []
+    for _ in range(3):
+        start = time.perf_counter()
+        subprocess.run([sys.executable, "-m", "jaxradar", "--help"], capture_output=True, check=True, cwd=ROOT)
+        taken.append(time.perf_counter() - start)
+    print(f"jaxradar --help: {min(taken):.3f} s")
+    assert min(taken) < 0.3
+
+
+def test_importing_the_package_is_quick() -> None:
+    code = "import time; t = time.perf_counter(); import jaxradar; print(time.perf_counter() - t)"
+    taken = min(float(fresh(code).stdout) for _ in range(3))
+    print(f"import jaxradar: {taken:.3f} s")
+    assert taken < 0.15
+
+
+def test_the_readers_and_the_demo_drive_need_no_jax() -> None:
+    loaded = fresh(
+        "import sys, jaxradar; jaxradar.read_log, jaxradar.demo_drive, jaxradar.match_steps; print(*sys.modules)"
+    )
+    assert not {"jax", "equinox", "matplotlib"} & set(loaded.stdout.split())
