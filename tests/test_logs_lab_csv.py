@@ -324,6 +324,7 @@ def test_further_columns_under_names(header: str, tmp_path: Path) -> None:
         ("0.02,1\n0.04,inf\n", 2, 2, "found 'inf'; expected a finite number"),
         ("time,acceleration,speed_m_s\n0.02,1,2\n0.03,1,inf\n", 3, 3, "found 'inf'; expected a finite number"),
         ("time,acceleration,speed_m_s\n0.02,1,2\n,1,2\n", 3, 1, "expected a time"),
+        ("time,acceleration,speed_m_s\n0.02,1,2\n0.03,1,x\n0.04,1,2\n", 3, 3, "found 'x'; expected a number"),
     ],
 )
 def test_bad_motion_is_named_with_its_place(

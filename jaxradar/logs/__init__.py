@@ -100,11 +100,11 @@ def _is_log_file(path: Path) -> bool:
 
 
 def write_log(drive: Drive, path: str | PathLike[str], *, overwrite: bool = False) -> list[str]:
-    """Write a drive in the form that the name asks for: `NAME.drive`, `NAME.csv` (one sensor, no motion), or a name
-    without suffix for a folder of CSV.
+    """Write a drive in the form that the name asks for: `NAME.drive`, `NAME.csv` (one sensor, no motion), and under
+    any other name a folder of CSV; HDF5 is only read.
 
     Returns a sentence for each thing that this form cannot hold. Raises `LogError` if `path` exists and `overwrite` is
-    false, if it has another suffix, and as the writer of that form does.
+    false, and as the writer of that form does.
     """
     target = Path(path)
     if target.suffix == ".drive":

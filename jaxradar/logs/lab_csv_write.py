@@ -35,7 +35,7 @@ def write_lab_csv(drive: Drive, path: Path, *, overwrite: bool = False) -> list[
     motion, lost = _motion_text(drive.motion, drive.clock_start_ns)
     left_out += lost
     truth = truth_text(drive)
-    if path.suffix != ".csv":
+    if path.suffix.lower() != ".csv":
         files |= {"gyro.csv": motion} if motion is not None else {}
         files |= {"truth.json": truth} if truth is not None else {}
         with staged(path, overwrite=overwrite, replaceable=_is_log_folder) as stage:

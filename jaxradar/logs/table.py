@@ -250,7 +250,7 @@ def _diagnose(path: Path, lines: list[bytes], first_line: int, holes: bool) -> N
         if row_of_numbers.fullmatch(line):
             continue
         for column, cell in enumerate(line.split(b",")):
-            if not NUMBER.fullmatch(cell) and (cell.strip() or not holes or column == 0):
+            if not NUMBER.fullmatch(cell) and (cell or not holes or column == 0):
                 found = f"found {shown(cell)}" if cell.strip() else "the cell is empty"
                 raise LogError(path, f"{found}; expected a number.", line=first_line + row, column=column + 1)
     raise LogError(path, "holds a number that cannot be represented.")
