@@ -27,7 +27,8 @@ class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         from importlib.metadata import version
 
-        parser.exit(0, f"jaxradar {version('jaxradar')}\n")
+        print(f"jaxradar {version('jaxradar')}")
+        parser.exit(0)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -9,11 +9,22 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import IO, Any, TextIO
+from typing import IO, Any, Protocol, cast, runtime_checkable
 
 from jaxradar._errors import ConfigError
 
-__all__ = ["Lines", "console", "json_lines", "plain", "print_table", "ready_folder", "shown"]
+__all__ = ["Lines", "Stream", "console", "json_lines", "plain", "print_table", "ready_folder", "shown"]
+
+
+@runtime_checkable
+class Stream(Protocol):
+    """Where text goes: a file, a terminal, or what stands in for one."""
+
+    def write(self, text: str, /) -> int: ...
+
+    def flush(self) -> None: ...
+
+    def isatty(self) -> bool: ...
 
 
 def shown(path: str | os.PathLike[str]) -> str:
@@ -35,7 +46,7 @@ def plain(value: Any) -> Any:
 class Lines:
     """JSON lines, each on the disk as soon as it is written."""
 
-    def __init__(self, file: IO[str] | None) -> None:
+    def __init__(self, file: Stream | None) -> None:
         self._file = file
 
     def write(self, record: Mapping[str, Any]) -> None:
@@ -83,15 +94,15 @@ def ready_folder(target: str | None, option: str) -> Path | None:
     return folder
 
 
-def console(file: TextIO) -> Any:
+def console(file: Stream) -> Any:
     """A `rich.console.Console` that takes text as it stands. Off a terminal, tables are as wide as they need."""
     from rich.console import Console
 
     width = None if file.isatty() or "COLUMNS" in os.environ else 200
-    return Console(file=file, markup=False, highlight=False, emoji=False, width=width)
+    return Console(file=cast(IO[str], file), markup=False, highlight=False, emoji=False, width=width)
 
 
-def print_table(file: TextIO, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+def print_table(file: Stream, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """A table whose first column is text, which gives way in a narrow window, and whose others are numbers."""
     from rich.table import Table
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar.cli._options import add_command, add_selection, check_part, number
-from jaxradar.cli._output import console, json_lines, print_table, ready_folder, shown
+from jaxradar.cli._output import Stream, console, json_lines, print_table, ready_folder, shown
 
 if TYPE_CHECKING:
     from jaxradar.cli._detect import Outcome
@@ -130,7 +130,7 @@ def _progress(logs: Sequence[Path], *, quiet: bool) -> Iterator[Iterator[Path]]:
         yield each()
 
 
-def print_outcomes(file: Any, outcomes: Sequence[Outcome], names: Sequence[str] = ()) -> None:
+def print_outcomes(file: Stream, outcomes: Sequence[Outcome], names: Sequence[str] = ()) -> None:
     """The table, what the reader had to say of the logs, and the sum of all whose truth is known.
 
     `names` stand in the first column instead of the logs' own.

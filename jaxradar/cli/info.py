@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 __all__ = ["add_to", "describe"]
 
+_DESCRIPTION = """\
+Say what logs hold: sensors, sweep rates and their jitter, range axes,
+amplitudes, flags, motion, mounting, truth, and what was wrong with the log."""
 _UNITS = {"acceleration_m_s2": "m/s²", "yaw_rate_rad_s": "rad/s", "speed_m_s": "m/s"}
 
 
@@ -26,7 +29,7 @@ def add_to(commands: Any) -> None:
         "info",
         _run,
         summary="say what a log holds",
-        description="Say what logs hold: sensors, rates, range axes, amplitudes, motion, truth, and what is wrong.",
+        description=_DESCRIPTION,
         example="jaxradar info log/07_21_14_03_55",
     )
     parser.add_argument("paths", nargs="+", metavar="LOG", help="a log, a folder of logs, or a pattern")

@@ -14,13 +14,13 @@ from jaxradar.cli._output import shown
 __all__ = ["add_to"]
 
 _DESCRIPTION = """\
-Propose the truth of a log from its vertical acceleration: a step for each bump,
-its impact a little before the acceleration passes a threshold, counted from the
-median of the recording in either direction.
+Propose the truth of a log from its vertical acceleration: a step for each
+bump, its impact a little before the acceleration passes a threshold, counted
+from the median of the recording in either direction.
 
-The proposal is written beside the log, to be read and edited before anything is
-judged by it: truth.json inside a folder, NAME.truth.json beside a file; a .drive
-holds its truth itself. What stands there already is kept unless --overwrite."""
+The proposal is written beside the log, to be read and edited before anything
+is judged by it: truth.json inside a folder, NAME.truth.json beside a file; a
+.drive holds its truth itself. What stands there is kept unless --overwrite."""
 
 
 def add_to(commands: Any) -> None:

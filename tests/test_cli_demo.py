@@ -1,0 +1,69 @@
+"""`demo` and `view`: figures from nothing, and from a log."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from jaxradar.cli import main
+from jaxradar.logs import read_log, write_log
+from jaxradar.sim import demo_drive
+
+PNG = b"\x89PNG"
+
+
+def test_the_demo_needs_nothing_and_can_be_run_again(tmp_path: Path) -> None:
+    twice = "from jaxradar.cli import main; status = main(['demo']); print('again'); exit(status or main(['demo']))"
+    ran = subprocess.run([sys.executable, "-c", twice], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    first, second = ran.stdout.split("again\n")
+    assert first == second
+    folder = tmp_path / "jaxradar-demo"
+    assert sorted(path.name for path in folder.iterdir()) == ["default.png", "log", "sweeps.png", "thesis.png"]
+    assert all(path.read_bytes().startswith(PNG) for path in folder.glob("*.png"))
+    assert sorted(path.name for path in (folder / "log").iterdir()) == ["3.csv", "gyro.csv", "truth.json"]
+    assert read_log(folder / "log").truth == demo_drive().truth
+    rows = {line.split()[0]: line.split() for line in first.splitlines() if line.startswith(("thesis ", "default "))}
+    # The rule of the thesis cries all the time; the default detector sees the step, once, in time.
+    assert int(rows["thesis"][4]) > 100
+    assert rows["default"][1:8] == ["3", "200", "0", "1", "1", "0", "0"]
+    assert 0 < int(rows["default"][8]) <= 23
+    assert "luck" in first
+    for path in ("log", "thesis.png", "default.png", "sweeps.png"):
+        assert f"jaxradar-demo/{path}\n" in first
+    assert max(map(len, first.splitlines())) <= 80
+
+
+def test_the_demo_leaves_a_strange_folder_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "log").mkdir()
+    (tmp_path / "log" / "diary.txt").write_text("mine")
+    assert main(["demo", "-o", str(tmp_path)]) == 1
+    assert "left alone" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.rglob("*")] == ["log", "diary.txt"]
+    (tmp_path / "file").write_text("")
+    assert main(["demo", "-o", str(tmp_path / "file")]) == 2
+
+
+def test_view_draws_each_sensor_and_says_where(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_log(demo_drive(), tmp_path / "log")
+    arguments = ["view", str(tmp_path / "log"), "-o", str(tmp_path / "f"), "--detector", "thesis", "--stop", "1"]
+    assert main(arguments) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    written = [Path(line) for line in out.splitlines()]
+    assert written == [tmp_path / "f" / "log-sensor3.png", tmp_path / "f" / "log-sensor3-sweeps.png"]
+    assert all(path.read_bytes().startswith(PNG) for path in written)
+
+
+def test_view_takes_one_log_and_a_sensor_that_it_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("one", "two"):
+        write_log(demo_drive(), tmp_path / name)
+    assert main(["view", str(tmp_path), "--detector", "thesis"]) == 1
+    assert "holds 2 logs; expected one" in capsys.readouterr().err
+    for wrong in (["--sensor", "1"], ["--start", "2.5"], ["--thin", "129"], ["-o", str(tmp_path / "one" / "3.csv")]):
+        assert main(["view", str(tmp_path / "one"), "--detector", "thesis", *wrong]) == 2
+        out, err = capsys.readouterr()
+        assert (out, len(err.splitlines())) == ("", 1)

@@ -1,0 +1,125 @@
+"""What all commands share: help, usage errors, exit statuses, a closed pipe, Ctrl-C."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from jaxradar.cli import evaluate, main
+
+COMMANDS = ["demo", "info", "view", "evaluate", "label", "convert", "config"]
+
+
+def said(capsys: pytest.CaptureFixture[str]) -> tuple[str, str]:
+    captured = capsys.readouterr()
+    return captured.out, captured.err
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help_with_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([command, "--help"]) == 0
+    out, err = said(capsys)
+    assert err == ""
+    assert f"example:\n  jaxradar {command}" in out
+    assert max(map(len, out.splitlines())) <= 80
+
+
+def test_help_lists_the_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    out, _ = said(capsys)
+    assert [line.split()[0] for line in out.split("COMMAND\n")[1].splitlines() if line.startswith("    ")] == COMMANDS
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    import jaxradar
+
+    assert main(["--version"]) == 0
+    assert said(capsys)[0] == f"jaxradar {jaxradar.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        ([], "COMMAND"),
+        (["evalute", "x"], "'evalute'"),
+        (["evaluate"], "PATH"),
+        (["evaluate", "x", "--detektor", "thesis"], "--detektor"),
+        (["evaluate", "x", "--det", "thesis"], "--det"),
+        (["evaluate", "x", "--sensor", "-1"], "'-1'"),
+        (["evaluate", "x", "--sensor", "one"], "'one'"),
+        (["evaluate", "x", "--thin", "1"], "'1'"),
+        (["evaluate", "x", "--window", "-0.1"], "'-0.1'"),
+        (["evaluate", "x", "--start", "nan"], "'nan'"),
+        (["evaluate", "x", "--start", "5", "--stop", "3"], "--start 5"),
+        (["evaluate", "x", "--detector", "thesys"], "did you mean `thesis`?"),
+        (["evaluate", "x", "--detector", "absent.toml"], "absent.toml"),
+        (["view", "x", "--detector", "defualt"], "did you mean `default`?"),
+        (["view", "x", "--start", "5", "--stop", "3"], "--stop 3"),
+        (["label", "x", "--acceleration", "0"], "'0'"),
+        (["config", "lab"], "expected thesis, lab-live, default"),
+        (["convert", "x", "x"], "same log"),
+    ],
+)
+def test_wrong_usage_is_one_sentence_and_status_2(
+    arguments: list[str], names: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 2
+    out, err = said(capsys)
+    assert out == ""
+    assert len(err.splitlines()) == 1
+    assert names in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("command", ["info", "view", "evaluate", "label"])
+def test_a_missing_log_is_one_sentence_and_status_1(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([command, str(tmp_path / "absent")]) == 1
+    _, err = said(capsys)
+    assert err == f"jaxradar: {tmp_path / 'absent'}: cannot be read: No such file or directory.\n"
+
+
+@pytest.mark.parametrize("command", ["info", "view", "evaluate"])
+def test_a_folder_without_logs_is_said_so(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "notes.txt").write_text("nothing here")
+    assert main([command, str(tmp_path)]) == 1
+    _, err = said(capsys)
+    assert len(err.splitlines()) == 1
+    assert str(tmp_path) in err
+    assert "logs" in err
+
+
+def test_ctrl_c_ends_with_130_and_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(evaluate, "check_part", interrupted)
+    assert main(["evaluate", "x"]) == 130
+    assert said(capsys) == ("", "jaxradar: stopped.\n")
+
+
+def test_a_closed_pipe_is_quiet() -> None:
+    reader = subprocess.Popen(
+        [sys.executable, "-c", "import sys; sys.stdin.close()"], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL
+    )
+    reader.wait()
+    writer = subprocess.run(
+        [sys.executable, "-m", "jaxradar", "config", "thesis"], stdout=reader.stdin, stderr=subprocess.PIPE, check=False
+    )
+    assert (writer.returncode, writer.stderr) == (141, b"")
+
+
+@pytest.mark.parametrize("name", ["thesis", "lab-live", "default"])
+def test_config_prints_a_file_that_can_be_used(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from jaxradar.systems.step import load_detector
+
+    assert main(["config", name]) == 0
+    text, _ = said(capsys)
+    (tmp_path / "mine.toml").write_text(text)
+    assert load_detector(tmp_path / "mine.toml").detector.name == name
+    assert main(["config", str(tmp_path / "mine.toml")]) == 0
+    assert said(capsys)[0] == text
