@@ -19,17 +19,26 @@ from pathlib import Path
 import numpy as np
 
 from jaxradar._errors import LogError
-from jaxradar.drive import Channel, Drive, Motion, SensorSeries, SweepFlag
+from jaxradar.drive import NANOSECONDS, Channel, Drive, Motion, SensorSeries, SweepFlag
 from jaxradar.logs.clock import odd_times, unwrap_counter
 from jaxradar.logs.table import NUMBER, Table, is_cut, read_bytes, read_table, shown
 from jaxradar.logs.truth import read_truth, truth_path
 
-__all__ = ["MOTION_COLUMNS", "MOTION_FILES", "looks_like_radar", "read_lab_csv", "sensor_files", "sensor_number"]
+__all__ = [
+    "MOTION_COLUMNS",
+    "MOTION_FILES",
+    "SERIAL_TIME_OUT",
+    "has_cpu_time",
+    "looks_like_radar",
+    "read_lab_csv",
+    "sensor_files",
+    "sensor_number",
+]
 
 MOTION_COLUMNS = ("acceleration_m_s2", "yaw_rate_rad_s", "speed_m_s")
 MOTION_FILES = ("acc.csv", "gyro.csv")  # the loader's name, the program's name
 _SENSOR_NAME = re.compile(r"[0-9]{1,9}")
-_SERIAL_TIME_OUT = -129.0  # `serialGetchar() - 128` where nothing came: -1 - 128
+SERIAL_TIME_OUT = -129.0  # `serialGetchar() - 128` where nothing came: -1 - 128
 _FULL_SCALE = 65535
 
 
@@ -63,9 +72,9 @@ def read_lab_csv(path: Path) -> Drive:
       65535 has `SATURATED`.
     - A last row that is cut off is dropped.
     - The wrap of the program's 16-bit counter is undone. Other times that go back or stand still are kept.
-    - `gyro.csv` has the CPU's clock: where it has as many rows as the first sensor (give or take one) but its times lie
-      more than a sweep period off, it is joined row by row.
-    - Accelerations of -129 (nothing came over the serial line) are dropped.
+    - The program's motion file has the CPU's clock: where it has as many rows as the first sensor (give or take one)
+      but its times lie more than a sweep period off, it is joined row by row. Accelerations of -129 in it (nothing
+      came over the serial line) are dropped. A file with a row of names is not the program's and is taken as it is.
 
     Everything but the first two goes into `problems`, and so do failed reads. Raises `LogError` naming file, line and
     column for what is no plain number, for negative amplitudes, for a range axis that does not increase and for
@@ -202,20 +211,20 @@ def _read_motion(folder: Path, first: SensorSeries) -> tuple[Motion, list[str]]:
     table = read_table(path, data, start, len(names), first_line=2 if start else 1, holes=further)
     problems += table.problems
     times_ns, values = table.times_ns, table.values.astype(np.float64)
-    rows = min(len(times_ns), len(first))
-    period = 1e9 / rate if (rate := first.sweep_rate_hz) else np.inf
-    off = np.abs(times_ns[:rows] - first.times_ns[:rows]).max(initial=0)
-    if not start and abs(len(times_ns) - len(first)) <= 1 and off > period:
+    of_the_program = not start  # which writes no row of names
+    if of_the_program and has_cpu_time(times_ns, first):
+        rows = min(len(times_ns), len(first))
+        off_s = np.abs(times_ns[:rows] - first.times_ns[:rows]).max() / NANOSECONDS
         problems.append(
-            f"{path.name}: its clock is up to {off / 1e9:.3f} s off sensor {first.sensor}'s (the program writes CPU "
+            f"{path.name}: its clock is up to {off_s:.3f} s off sensor {first.sensor}'s (the program writes CPU "
             f"time there), so it was joined row by row{_surplus(len(times_ns) - rows)}."
         )
         times_ns, values = first.times_ns[:rows], values[:rows]
     channels = {}
     for column, name in enumerate(names):
         kept = ~np.isnan(values[:, column])
-        if name == "acceleration_m_s2":
-            silent = values[:, column] == _SERIAL_TIME_OUT
+        if of_the_program:
+            silent = values[:, column] == SERIAL_TIME_OUT
             if silent.any():
                 problems.append(
                     f"{path.name}: {int(silent.sum())} of {len(silent)} samples are -129, which the program writes "
@@ -226,6 +235,14 @@ def _read_motion(folder: Path, first: SensorSeries) -> tuple[Motion, list[str]]:
             channels[name] = Channel(times_ns[kept], np.ascontiguousarray(values[kept, column]))
             problems += odd_times(channels[name].times_ns, f"{path.name}, {name}")
     return Motion(**channels), problems
+
+
+def has_cpu_time(times_ns: np.ndarray, first: SensorSeries) -> bool:
+    """Whether motion was recorded loop by loop with the first sensor, but on another clock."""
+    rows = min(len(times_ns), len(first))
+    period_s = 1 / rate if (rate := first.sweep_rate_hz) else np.inf
+    off_ns = np.abs(times_ns[:rows] - first.times_ns[:rows]).max(initial=0)
+    return abs(len(times_ns) - len(first)) <= 1 and bool(off_ns > period_s * NANOSECONDS)
 
 
 def _surplus(rows: int) -> str:

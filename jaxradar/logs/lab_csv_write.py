@@ -12,9 +12,16 @@ from pathlib import Path
 import numpy as np
 
 from jaxradar._errors import LogError
-from jaxradar.drive import NANOSECONDS, Drive, Motion, SensorSeries, SweepFlag
+from jaxradar.drive import NANOSECONDS, Drive, SensorSeries, SweepFlag
 from jaxradar.drivefile import staged
-from jaxradar.logs.lab_csv import MOTION_COLUMNS, MOTION_FILES, sensor_files, sensor_number
+from jaxradar.logs.lab_csv import (
+    MOTION_COLUMNS,
+    MOTION_FILES,
+    SERIAL_TIME_OUT,
+    has_cpu_time,
+    sensor_files,
+    sensor_number,
+)
 from jaxradar.logs.truth import truth_path, truth_text
 
 __all__ = ["write_lab_csv"]
@@ -32,7 +39,7 @@ def write_lab_csv(drive: Drive, path: Path, *, overwrite: bool = False) -> list[
     """
     path = Path(path)
     files, left_out = _radar_files(drive, path)
-    motion, lost = _motion_text(drive.motion, drive.clock_start_ns)
+    motion, lost = _motion_text(drive)
     left_out += lost
     truth = truth_text(drive)
     if path.suffix.lower() != ".csv":
@@ -135,10 +142,10 @@ def _time_texts(times_ns: list[int], clock_start_ns: int, fewest: int) -> list[s
     return [text(time) for time in times]
 
 
-def _motion_text(motion: Motion, clock_start_ns: int) -> tuple[str | None, list[str]]:
-    """`%.3f,%d` and a line end for each sample if acceleration alone was recorded; else columns under a row of names,
-    in which a cell is empty where its channel has no sample at that time."""
-    channels = {name: channel for name in MOTION_COLUMNS if (channel := getattr(motion, name)) is not None}
+def _motion_text(drive: Drive) -> tuple[str | None, list[str]]:
+    """`%.3f,%d` and a line end for each sample, as the program writes it. A row of names stands above where there are
+    further channels, whose cells are empty where they have no sample, or where the reader would mend what is right."""
+    channels = {name: channel for name in MOTION_COLUMNS if (channel := getattr(drive.motion, name)) is not None}
     lost, texts, times = [], {}, {}
     for name, channel in channels.items():
         finite = np.isfinite(channel.values)
@@ -162,6 +169,10 @@ def _motion_text(motion: Motion, clock_start_ns: int) -> tuple[str | None, list[
             rows += [(time, before + text + behind) for time, text in zip(times[name], texts[name], strict=True)]
         if all(own == sorted(own) for own in times.values()):  # sorting would change a channel whose times go back
             rows.sort(key=lambda row: row[0])
-    stamps = _time_texts([time for time, _ in rows], clock_start_ns, 3)
-    header = "" if len(names) == 1 else ",".join(["time_s", *names]) + "\n"
+    stamps = _time_texts([time for time, _ in rows], drive.clock_start_ns, 3)
+    series = min(drive.sensors, key=lambda item: item.sensor)
+    mended = has_cpu_time(np.array(first, np.int64), series) or any(
+        float(text) == SERIAL_TIME_OUT for text in texts.get(names[0], ())
+    )
+    header = ",".join(["time_s", *names]) + "\n" if len(names) > 1 or mended else ""
     return header + "".join(f"{stamp},{text}\n" for stamp, (_, text) in zip(stamps, rows, strict=True)), lost
