@@ -165,10 +165,14 @@ def test_the_table_fits_80_columns_and_says_everything(
 ) -> None:
     write_log(jumps(50, truth=known(0.55)), tmp_path / "first [bold]")
     write_log(jumps(50), tmp_path / "second")
-    monkeypatch.setenv("COLUMNS", "80")
-    assert main(["evaluate", str(tmp_path), "--detector", "thesis"]) == 0
-    out, err = capsys.readouterr()
-    assert err == ""
+    shown = {}
+    for columns in ("80", "30"):
+        monkeypatch.setenv("COLUMNS", columns)
+        assert main(["evaluate", str(tmp_path), "--detector", "thesis"]) == 0
+        shown[columns], err = capsys.readouterr()
+        assert err == ""
+    out = shown["80"]
+    assert shown["30"] == out  # nothing vanishes in a narrow window
     assert "\x1b" not in out
     head, first, second, total = (line.rstrip() for line in out.splitlines())
     assert max(map(len, (head, first, second))) <= 80

@@ -98,8 +98,12 @@ def console(file: Stream) -> Any:
     """A `rich.console.Console` that takes text as it stands. Off a terminal, tables are as wide as they need."""
     from rich.console import Console
 
-    width = None if file.isatty() or "COLUMNS" in os.environ else 200
-    return Console(file=cast(IO[str], file), markup=False, highlight=False, emoji=False, width=width)
+    def of(width: int | None) -> Console:
+        return Console(file=cast(IO[str], file), markup=False, highlight=False, emoji=False, width=width)
+
+    made = of(None if file.isatty() or "COLUMNS" in os.environ else 200)
+    # In a narrower window whole columns would vanish; lines that run over are the smaller evil.
+    return made if made.width >= 80 else of(80)
 
 
 def print_table(file: Stream, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -170,5 +170,5 @@ def _sum(total: Any) -> str:
     if total.median_lead_s is not None:
         seen += f", median lead {1e3 * total.median_lead_s:.0f} ms"
     rate = total.false_alarms_per_hour
-    hourly = "" if rate is None else f" ({rate:.1f} per hour)"
+    hourly = "" if rate is None else f" ({rate:,.{0 if rate >= 10 else 1}f} per hour)"
     return f"Truth known for {total.duration_s:.1f} s: {seen}, false alarms: {total.false_alarms}{hourly}."
