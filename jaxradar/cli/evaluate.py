@@ -142,7 +142,8 @@ def print_outcomes(file: Stream, outcomes: Sequence[Outcome], names: Sequence[st
     paths = [shown(outcome.path) for outcome in outcomes]
     # What all have in common tells nothing apart; it would push the numbers out of a window of 80 columns.
     common = os.path.commonpath([os.path.dirname(os.path.abspath(path)) for path in paths])  # noqa: PTH100, PTH120
-    short = list(names) or [os.path.relpath(path, common) for path in paths]
+    apart = paths if common == os.path.sep else [os.path.relpath(path, common) for path in paths]
+    short = list(names) or apart
     rows = []
     for name, outcome in zip(short, outcomes, strict=True):
         trace, matching = outcome.trace, outcome.matching
