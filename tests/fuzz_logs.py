@@ -1,7 +1,7 @@
 """Malformed variants of valid logs: bytes flipped, inserted, deleted, repeated, files cut off.
 
-Whatever comes out must be a `Drive` or a `LogError`, within a second of computing and without taking memory. The variants are a
-function of their number, so that a failure can be repeated.
+Whatever comes out must be a `Drive` or a `LogError`, within a second of computing and without taking memory. The
+variants are a function of their number, so that a failure can be repeated.
 """
 
 from __future__ import annotations
