@@ -50,7 +50,7 @@ class SensorSeries:
       holds anything else. Possibly a read-only memory map.
     - `range_m`: (bins,) float64, strictly increasing slant range of each bin in metres, as the log states it.
     - `flags`: (sweeps,) uint16 of `SweepFlag`.
-    - `spec`: how the sensor was set, under the maker's own keys (`profile`, `update_rate`, ...), as far as the log says.
+    - `spec`: how the sensor was set, under the maker's own keys (`profile`, `update_rate`), as far as the log says.
 
     Raises `ValueError` if the shapes or dtypes disagree.
     """
@@ -65,9 +65,7 @@ class SensorSeries:
     def __post_init__(self) -> None:
         count = len(_times(self.times_ns, "SensorSeries(times_ns=...)"))
         if self.sweeps.dtype not in SWEEP_DTYPES:
-            raise ValueError(
-                f"`SensorSeries(sweeps=...)` must be uint16, float32 or float64; got {self.sweeps.dtype}."
-            )
+            raise ValueError(f"`SensorSeries(sweeps=...)` must be uint16, float32 or float64; got {self.sweeps.dtype}.")
         if self.range_m.ndim != 1 or self.range_m.dtype != np.float64 or len(self.range_m) < 2:
             raise ValueError(
                 "`SensorSeries(range_m=...)` must be a float64 vector of at least 2 bins; "

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
 from pathlib import Path
+
+# The tests build the same programs again and again: one cache for all workers of this run, before JAX is imported.
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="jaxradar-tests-")
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
 
 import pytest
 from jaxtyping import install_import_hook
 
-install_import_hook("jaxradar", "beartype.beartype")
+install_import_hook("jaxradar", "typechecker.check")
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 

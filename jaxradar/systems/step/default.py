@@ -14,11 +14,14 @@ from jaxradar._types import Array, Counts, Flag, RawSweep, Scalar, Setting
 from jaxradar.drive import SweepFlag
 from jaxradar.signal.clutter import noise_floor
 from jaxradar.signal.correlate import profile_shift
-from jaxradar.signal.peaks import SoftArgmax, vertex
+from jaxradar.signal.peaks import ArgMax, SoftArgmax, vertex
 from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector, setting, shape_setting
 from jaxradar.systems.step.thesis import usable
 
 __all__ = ["DefaultDetector", "DefaultState", "ProfileObservation"]
+
+
+FULL_SCALE = 65535.0  # of the sensor's uint16 counts
 
 
 class ProfileObservation(eqx.Module):
@@ -79,7 +82,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     refractory_s: Setting = setting(0.2, 0.0, 10.0, "s", "no second detection so soon after one")
     longest_gap_s: Setting = setting(0.3, 1e-3, 10.0, "s", "a longer time without a valid sweep begins a new track")
     over_floor: Setting = setting(0.58, 0.0, 100.0, "", "an echo must rise this many floor levels above the floor")
-    over_scatter: Setting = setting(9.0, 0.0, 1e3, "", "and this many standard deviations of the floor's noise")
+    over_scatter: Setting = setting(11.0, 0.0, 1e3, "", "and this many standard deviations of the floor's noise")
     exponent: Setting = setting(0.0, 0.0, 6.0, "", "the echo is selected on amplitudes times (2r)^exponent")
     temperature: Setting = setting(0.1, 1e-3, 10.0, "", "of the soft-argmax that refines the range")
     cell_m: float = shape_setting(0.0095, 1e-4, 1.0, "m", "size of a range cell")
@@ -105,13 +108,15 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         selected = first_argmax(jnp.maximum(smooth - floor.level, 0.0) * (2.0 * centres) ** self.exponent)
         strength = jnp.maximum(smooth[selected] - floor.level, 0.0)
         half_width = max(1, round(0.5 * self.pulse_m / axis.bin_m))
-        refined = SoftArgmax(self.temperature, half_width=half_width)(
-            amplitudes, near=selected * per_cell + per_cell // 2
-        )
+        near = selected * per_cell + per_cell // 2
+        refined = SoftArgmax(self.temperature, half_width=half_width)(amplitudes, near).position
+        # The top of a saturated echo may be wider than the window: its middle is all that is known.
+        clipped = jnp.max(amplitudes) >= FULL_SCALE
+        position = jnp.where(clipped, ArgMax()(amplitudes).position, refined)
         return ProfileObservation(
             profile=profile,
             centres_m=centres,
-            range_m=axis.at(refined.position),
+            range_m=axis.at(position),
             strength=strength,
             valid=usable(flags)
             & (strength > 0)
@@ -149,7 +154,9 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         event = compared & ready & (statistic > self.evidence)
         rearmed = (statistic < self.release) & (quiet >= self.refractory_s)
 
-        expected_m = state.reference_m + jnp.where(statistic > self.release, shift_m, 0.0)
+        stays = jnp.abs(observation.range_m - state.range_m) <= self.pulse_m
+        carried = ~stays & (statistic > self.release)
+        expected_m = jnp.where(carried, state.reference_m + shift_m, state.range_m)
         followed_m, lost = self._follow(observation, expected_m)
         lost_s = jnp.where(compared & lost, state.lost_s + jnp.maximum(gap, 0.0), jnp.where(seen, 0.0, state.lost_s))
         # Another echo that stays stronger for long is the road now; taking it up is not a detection.

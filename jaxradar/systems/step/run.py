@@ -70,9 +70,9 @@ _run = jax.jit(run)
 
 
 def _padded_length(count: int) -> int:
-    """The next length of 1, 1.25, 1.5 or 1.75 times a power of two: few programs, little padding."""
-    quarter = max(1, (1 << max(count - 1, 1).bit_length()) // 8)
-    return -(-max(count, 1) // quarter) * quarter
+    """The next length of 1, 1.25, 1.5 or 1.75 times a power of two, 64 or more: few programs, little padding."""
+    quarter = (1 << (max(count, 64) - 1).bit_length()) // 8
+    return -(-max(count, 64) // quarter) * quarter
 
 
 def detect(detector: StepDetector[Any, Any], series: SensorSeries, motion: Motion | None = None) -> StepTrace:

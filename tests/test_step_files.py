@@ -1,0 +1,84 @@
+"""Detectors as TOML files: what comes back, and what is refused in which words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from jaxradar._errors import ConfigError
+from jaxradar.drive import Mounting
+from jaxradar.systems.step import DETECTORS, DefaultDetector, DetectorFile, dump_detector, load_detector
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_the_printed_file_is_the_default(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "detector.toml"
+    path.write_text(dump_detector(name), encoding="utf-8")
+    read = load_detector(path)
+    assert type(read.detector) is DETECTORS[name]
+    assert eqx.tree_equal(read.detector, DETECTORS[name]())
+    assert all("#" in line for line in dump_detector(name).splitlines()[3:])  # each setting is explained
+
+
+def test_everything_comes_back(tmp_path: Path) -> None:
+    path = tmp_path / "detector.toml"
+    mounting = Mounting(0.35, 45.0, None)
+    provenance = {"data": 'a "folder"', "seed": 7, "scores": [0.1, 0.2], "final": True}
+    path.write_text(
+        dump_detector(DetectorFile(DefaultDetector(evidence=0.123456789, cell_m=0.01), mounting, provenance))
+    )
+    read = load_detector(path)
+    assert isinstance(read.detector, DefaultDetector)
+    assert float(read.detector.evidence) == 0.123456789
+    assert read.detector.cell_m == 0.01
+    assert read.mounting == mounting
+    assert read.provenance == provenance
+
+
+HEAD = 'format = 1\ndetector = "default"\n'
+REFUSED = {
+    "no format": ('detector = "default"\n', "`format` must be 1; got 'none'"),
+    "newer format": ('format = 2\ndetector = "default"\n', "`format` must be 1; got 2"),
+    "unknown detector": ('format = 1\ndetector = "defalt"\n', "`detector` 'defalt' (did you mean `default`?)"),
+    "unknown key": (HEAD + "evidense = 0.1\n", "unknown key `evidense` (did you mean `evidence`?)"),
+    "another detector's key": (HEAD + "threshold_m_s = 0.1\n", "unknown key `threshold_m_s`"),
+    "out of bounds": (HEAD + "evidence = 1.5\n", "`DefaultDetector(evidence=...)` must be between 0.0 and 1.0"),
+    "not a number": (HEAD + 'evidence = "0.1"\n', "`evidence` must be a number; got '0.1'"),
+    "a truth for a number": (HEAD + "evidence = true\n", "`evidence` must be a number; got True"),
+    "nan": (HEAD + "evidence = nan\n", "must be between 0.0 and 1.0; got nan"),
+    "not TOML": ("format = \n", "expected a TOML file; Invalid value (at line 1"),
+    "mounting's key": (HEAD + "[mounting]\nhight_m = 1\n", "unknown key `hight_m` (did you mean `height_m`?)"),
+    "mounting's value": (HEAD + "[mounting]\nheight_m = inf\n", "`height_m` in [mounting] must be a finite number"),
+    "mounting no table": (HEAD + "mounting = 3\n", "[mounting] must be a table; got 3"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), REFUSED.values(), ids=REFUSED)
+def test_refused_in_one_sentence_that_names_the_file(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as error:
+        load_detector(path)
+    assert message in str(error.value)
+    assert str(path) in str(error.value)
+
+
+def test_unknown_name_is_answered_with_the_nearest() -> None:
+    with pytest.raises(
+        ConfigError, match=r"unknown detector `thesys` \(did you mean `thesis`\?\); expected thesis, lab"
+    ):
+        load_detector("thesys")
+    with pytest.raises(ConfigError, match=r"missing.toml: expected a TOML file; No such file"):
+        load_detector("missing.toml")
+
+
+def test_construction_names_argument_bound_and_value() -> None:
+    with pytest.raises(
+        ValueError, match=r"`DefaultDetector\(window_s=...\)` must be between 0.001 and 10.0 s; got 0.0"
+    ):
+        DefaultDetector(window_s=0.0)
+    with pytest.raises(ValueError, match="got nan"):
+        DefaultDetector(evidence=np.nan)
