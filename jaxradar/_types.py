@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Shaped
+from jaxtyping import Array, Bool, Float, Int, Shaped, UInt
 
-__all__ = ["Counts", "Flag", "Index", "Lags", "RangeBins", "RawSweep", "Scalar", "Setting", "Sweep"]
+__all__ = ["Counts", "Flag", "Flags", "Index", "Lags", "RangeBins", "RawSweep", "Scalar", "Setting", "Sweep"]
 
 RawSweep = Shaped[Array | np.ndarray, " bins"]  # envelope as recorded: uint16, or float where a log holds that
 Sweep = Float[Array | np.ndarray, " bins"]  # envelope in ADC counts
@@ -15,4 +15,5 @@ Scalar = Float[Array | np.ndarray, ""]
 Setting = Float[Array | np.ndarray, ""] | float  # given as a number, kept as an array leaf
 Flag = Bool[Array | np.ndarray, ""]
 Index = Int[Array | np.ndarray, ""]
+Flags = UInt[Array | np.ndarray, ""]  # `jaxradar.drive.SweepFlag`s of one sweep
 Counts = Float[Array | np.ndarray, " cells"]  # a sweep averaged over cells of several bins, ADC counts

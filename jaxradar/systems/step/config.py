@@ -13,10 +13,9 @@ from typing import Any, ClassVar, Generic, TypeVar
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import UInt
 
 from jaxradar._numerics import as_scalar
-from jaxradar._types import Array, Flag, RangeBins, RawSweep, Scalar, Setting
+from jaxradar._types import Flag, Flags, RangeBins, RawSweep, Scalar, Setting
 
 __all__ = ["Decision", "MotionSample", "RangeAxis", "StepDetector", "setting", "shape_setting"]
 
@@ -103,7 +102,7 @@ class StepDetector(eqx.Module, Generic[Observed, State]):
         """What the statistic is compared with."""
         raise NotImplementedError
 
-    def observe(self, axis: RangeAxis, sweep: RawSweep, flags: UInt[Array | np.ndarray, ""]) -> Observed:
+    def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> Observed:
         """Look at one sweep: (bins,) counts and its `SweepFlag`s. Pure; vmapped over sweeps and logs."""
         raise NotImplementedError
 

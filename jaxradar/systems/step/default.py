@@ -6,11 +6,9 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import UInt
 
 from jaxradar._numerics import finite, first_argmax
-from jaxradar._types import Array, Counts, Flag, RawSweep, Scalar, Setting
+from jaxradar._types import Counts, Flag, Flags, RawSweep, Scalar, Setting
 from jaxradar.drive import SweepFlag
 from jaxradar.signal.clutter import noise_floor
 from jaxradar.signal.correlate import profile_shift
@@ -93,7 +91,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     def threshold(self) -> Setting:
         return self.evidence
 
-    def observe(self, axis: RangeAxis, sweep: RawSweep, flags: UInt[Array | np.ndarray, ""]) -> ProfileObservation:
+    def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> ProfileObservation:
         amplitudes = finite(sweep)
         per_cell = self._bins_per_cell(axis)
         count = axis.bins // per_cell

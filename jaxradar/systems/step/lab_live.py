@@ -6,11 +6,9 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import UInt
 
 from jaxradar._numerics import finite, first_argmax
-from jaxradar._types import Array, Flag, RawSweep, Scalar, Setting, Sweep
+from jaxradar._types import Flag, Flags, RawSweep, Scalar, Setting, Sweep
 from jaxradar.drive import SweepFlag
 from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector, setting, shape_setting
 from jaxradar.systems.step.thesis import SweepPeak, usable
@@ -55,7 +53,7 @@ class LabLiveDetector(StepDetector[SweepPeak, LabLiveState]):
     def threshold(self) -> Setting:
         return 1.0 / self.nearest_m
 
-    def observe(self, axis: RangeAxis, sweep: RawSweep, flags: UInt[Array | np.ndarray, ""]) -> SweepPeak:
+    def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> SweepPeak:
         amplitudes = finite(sweep)
         metres = self._metres(axis)
         if self.correct_loss:

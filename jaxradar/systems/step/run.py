@@ -10,10 +10,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int, Shaped, UInt
+from jaxtyping import Array, Float, Int, Shaped, UInt
 
 from jaxradar._errors import ConfigError
-from jaxradar._types import Array
 from jaxradar.drive import NANOSECONDS, Motion, SensorSeries, SweepFlag
 from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
 from jaxradar.systems.step.result import StepEvent, StepTrace

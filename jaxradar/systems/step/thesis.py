@@ -6,11 +6,9 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import UInt
 
 from jaxradar._numerics import finite, first_argmax
-from jaxradar._types import Array, Flag, RawSweep, Scalar, Setting
+from jaxradar._types import Flag, Flags, RawSweep, Scalar, Setting
 from jaxradar.drive import SweepFlag
 from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector, setting
 
@@ -34,7 +32,7 @@ class ThesisState(eqx.Module):
     seen: Flag
 
 
-def usable(flags: UInt[Array | np.ndarray, ""]) -> Flag:
+def usable(flags: Flags) -> Flag:
     """Whether neither the sensor nor the reader says that this sweep holds no data."""
     return (flags & int(SweepFlag.INVALID)) == 0
 
@@ -60,7 +58,7 @@ class ThesisDetector(StepDetector[SweepPeak, ThesisState]):
     def threshold(self) -> Setting:
         return self.threshold_m_s
 
-    def observe(self, axis: RangeAxis, sweep: RawSweep, flags: UInt[Array | np.ndarray, ""]) -> SweepPeak:
+    def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> SweepPeak:
         amplitudes = finite(sweep)
         peak = first_argmax(amplitudes * (2.0 * axis.range_m) ** self.exponent)
         return SweepPeak(
