@@ -123,3 +123,41 @@ def test_config_prints_a_file_that_can_be_used(name: str, tmp_path: Path, capsys
     assert load_detector(tmp_path / "mine.toml").detector.name == name
     assert main(["config", str(tmp_path / "mine.toml")]) == 0
     assert said(capsys)[0] == text
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+@pytest.mark.parametrize("arguments", [["config", "thesis"], ["--help"], ["--version"]], ids=" ".join)
+@pytest.mark.parametrize("buffered", ["", "1"], ids=["buffered", "unbuffered"])
+def test_a_full_disk_behind_the_output_is_one_sentence(arguments: list[str], buffered: str) -> None:
+    """`argparse` itself keeps quiet about its help where nothing is buffered."""
+    if buffered and arguments == ["--help"]:
+        pytest.skip("argparse drops the error")
+    with Path("/dev/full").open("w") as full:
+        ran = subprocess.run(
+            [sys.executable, "-m", "jaxradar", *arguments],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            check=False,
+            env={"PYTHONUNBUFFERED": buffered},
+        )
+    assert (ran.returncode, ran.stderr) == (1, b"jaxradar: standard output: No space left on device.\n")
+
+
+@pytest.mark.parametrize("closed", [1, 2])
+def test_a_stream_that_the_caller_closed(closed: int) -> None:
+    """An error must not go to standard output for want of another place."""
+    command = f"{sys.executable} -m jaxradar config {'thesis' if closed == 1 else 'lab'} {closed}>&-"
+    ran = subprocess.run(command, shell=True, capture_output=True, check=False)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (0 if closed == 1 else 2, b"", b"")
+
+
+def test_ctrl_c_leaves_the_process_at_once() -> None:
+    """A compilation that was broken off crashes the interpreter when it takes its modules apart."""
+    program = (
+        "import atexit, os, sys; from jaxradar.cli import evaluate, main\n"
+        "def interrupted(*_): raise KeyboardInterrupt\n"
+        "evaluate.check_part = interrupted; atexit.register(os.abort)\n"
+        "sys.argv = ['jaxradar', 'evaluate', 'x']; sys.exit(main())"
+    )
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, check=False)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (130, b"", b"jaxradar: stopped.\n")

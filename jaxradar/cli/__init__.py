@@ -6,10 +6,12 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NoReturn
 
 from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar.cli import config, convert, demo, evaluate, info, label, view
+from jaxradar.cli._output import shown
 
 __all__ = ["main"]
 
@@ -46,22 +48,43 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command (`sys.argv` if None) and return its exit status: 0 all well, 1 some of it failed, 2 usage."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            # A terminal that knows no "²", and a file name that is no text, must not end a run.
-            stream.reconfigure(errors="backslashreplace")
+    """Run one command and return its exit status: 0 all well, 1 some of it failed, 2 usage.
+
+    None is the program itself: the arguments are `sys.argv`, and Ctrl-C ends the process here.
+    """
+    _ready_streams()
     try:
         status = _run(argv)
         sys.stdout.flush()
     except BrokenPipeError:
-        # The reader has seen enough. Python would complain once more when it closes the stream.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return _PIPE_CLOSED
     except KeyboardInterrupt:
-        print("jaxradar: stopped.", file=sys.stderr)
+        print("jaxradar: stopped.", file=sys.stderr, flush=True)
+        if argv is None:
+            os._exit(_INTERRUPTED)  # XLA's threads crash on the usual way out of a compilation that was broken off
         return _INTERRUPTED
+    except OSError as error:
+        _drop_output()
+        print(f"jaxradar: standard output: {error.strerror or error}.", file=sys.stderr)
+        return 1
     return status
+
+
+def _ready_streams() -> None:
+    """Standard output and error that take any text."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the caller
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115
+        stream = getattr(sys, name)
+        if hasattr(stream, "reconfigure"):
+            # A terminal that knows no "²", and a file name that is no text, must not end a run.
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _drop_output() -> None:
+    """Nobody takes what is left of the output. Python would try again, and complain, when it closes the stream."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _run(argv: Sequence[str] | None) -> int:
@@ -71,11 +94,11 @@ def _run(argv: Sequence[str] | None) -> int:
         return leave.code if isinstance(leave.code, int) else 2
     try:
         return int(arguments.run(arguments))
-    except BrokenPipeError:
-        raise
     except JaxradarError as error:
-        print(f"jaxradar: {error}", file=sys.stderr)
+        print(f"jaxradar: {shown(str(error))}", file=sys.stderr)
         return 2 if isinstance(error, ConfigError) else 1
     except OSError as error:
-        print(f"jaxradar: {error.filename or 'input or output'}: {error.strerror or error}.", file=sys.stderr)
+        if error.filename is None:  # of a stream and not of a file
+            raise
+        print(f"jaxradar: {shown(str(error.filename))}: {error.strerror or error}.", file=sys.stderr)
         return 1
