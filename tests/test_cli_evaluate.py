@@ -269,3 +269,41 @@ def test_the_road_recordings_thinned_as_in_the_lab(
         wanted = int((np.abs(np.diff(ranges)) / np.diff(times) > 0.7).sum())
         assert wanted > 0
         assert len(line["detections"]) == wanted
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_full_disk_is_said_with_the_file_that_it_concerns(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", str(log), "--detector", "thesis", "--quiet", "--json", "/dev/full"]) == 1
+    assert capsys.readouterr().err == "jaxradar: /dev/full: cannot be written: No space left on device.\n"
+
+
+def test_a_figure_that_cannot_be_written_leaves_no_half_of_it(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from matplotlib.figure import Figure
+
+    def full(self: Figure, path: Path, **_: object) -> None:
+        path.write_bytes(b"\x89PNG")
+        raise OSError(28, "No space left on device")  # as `write` says it: without a name
+
+    monkeypatch.setattr(Figure, "savefig", full)
+    figures = tmp_path / "figures"
+    assert main(["view", str(log), "--detector", "thesis", "-o", str(figures)]) == 1
+    assert capsys.readouterr().err == (
+        f"jaxradar: {figures / 'log-sensor3.png'}: cannot be written: No space left on device.\n"
+    )
+    assert not list(figures.iterdir())
+
+
+@pytest.mark.parametrize("name", ["n\udcff", "two\nlines", "\x1b[31m", "路面", "$x$"])
+def test_names_that_no_font_and_no_terminal_takes_as_they_are(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], recwarn: pytest.WarningsRecorder
+) -> None:
+    write_log(jumps(50), tmp_path / name)
+    arguments = ["--detector", "thesis", "--figures", str(tmp_path / "figures")]
+    assert main(["evaluate", str(tmp_path / name), *arguments]) == 0
+    out, err = capsys.readouterr()
+    assert len(out.splitlines()) == 2
+    assert err == ""
+    assert not [str(one.message) for one in recwarn if "Glyph" in str(one.message)]
+    assert len(list((tmp_path / "figures").iterdir())) == 2

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxradar._errors import ConfigError
+from jaxradar.cli._output import shown
 from jaxradar.drive import Drive, SensorSeries
 from jaxradar.evaluation import Matching, MatchWindow, match_steps
 from jaxradar.logs import find_logs
@@ -174,7 +175,7 @@ def draw_drive(outcome: Outcome, path: Path, detector: str) -> Path:
         outcome.trace,
         motion=outcome.drive.motion,
         matching=outcome.matching,
-        source=f"{_name(outcome)}, sensor {outcome.series.sensor}, detector {detector}",
+        source=f"{shown(_name(outcome))}, sensor {outcome.series.sensor}, detector {detector}",
     )
     save(figure, path)
     return path
@@ -184,7 +185,7 @@ def draw_sweeps(outcome: Outcome, path: Path) -> Path:
     """The sweeps laid over each other; returns `path`."""
     from jaxradar.plots import plot_sweeps, save
 
-    source = f"{_name(outcome)}, sensor {outcome.series.sensor}"
+    source = f"{shown(_name(outcome))}, sensor {outcome.series.sensor}"
     save(plot_sweeps(outcome.series, outcome.trace, source=source), path)
     return path
 

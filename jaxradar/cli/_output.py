@@ -7,11 +7,11 @@ import math
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, Protocol, cast, runtime_checkable
 
-from jaxradar._errors import ConfigError
+from jaxradar._errors import ConfigError, LogError
 
 __all__ = ["Lines", "Stream", "console", "json_lines", "plain", "print_table", "ready_folder", "shown"]
 
@@ -28,8 +28,10 @@ class Stream(Protocol):
 
 
 def shown(path: str | os.PathLike[str]) -> str:
-    """A path as text that every stream takes: a name that is no UTF-8 is escaped."""
-    return os.fspath(path).encode("utf-8", "backslashreplace").decode("utf-8")
+    """A path, or a sentence that names one, as one line of text that every stream and figure takes: what is no UTF-8,
+    a line end or a command to the terminal is escaped."""
+    text = os.fspath(path)
+    return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode("ascii") for sign in text)
 
 
 def plain(value: Any) -> Any:
@@ -46,14 +48,21 @@ def plain(value: Any) -> Any:
 class Lines:
     """JSON lines, each on the disk as soon as it is written."""
 
-    def __init__(self, file: Stream | None) -> None:
+    def __init__(self, file: Stream | None, path: Path | None = None) -> None:
         self._file = file
+        self._path = path
 
     def write(self, record: Mapping[str, Any]) -> None:
-        """Add one object."""
-        if self._file is not None:
+        """Add one object. Raises `LogError` if the file at `path` does not take it, `OSError` if a stream does not."""
+        if self._file is None:
+            return
+        try:
             self._file.write(json.dumps(plain(record), allow_nan=False) + "\n")
             self._file.flush()
+        except OSError as error:
+            if self._path is None:
+                raise
+            raise LogError(self._path, f"cannot be written: {error.strerror or error}.") from error
 
 
 @contextmanager
@@ -70,13 +79,17 @@ def json_lines(target: str | None, logs: Sequence[Path]) -> Iterator[Lines]:
         held = Path(os.path.realpath(log))
         if held == real or held in real.parents:
             raise ConfigError(f"--json {shown(target)} would overwrite the log {shown(log)} or a part of it.")
-    with ExitStack() as stack:
-        try:
-            file = stack.enter_context(Path(target).open("w", encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            reason = error.strerror if isinstance(error, OSError) else str(error)
-            raise ConfigError(f"--json {shown(target)} cannot be written: {reason}.") from None
-        yield Lines(file)
+    path = Path(target)
+    try:
+        file = path.open("w", encoding="utf-8")
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise ConfigError(f"--json {shown(target)} cannot be written: {reason}.") from None
+    try:
+        yield Lines(file, path)
+    finally:
+        with suppress(OSError):  # every line was flushed, and a failure said, before
+            file.close()
 
 
 def ready_folder(target: str | None, option: str) -> Path | None:

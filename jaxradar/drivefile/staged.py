@@ -46,6 +46,10 @@ def staged(path: Path, *, overwrite: bool, replaceable: Callable[[Path], bool] =
             raise
     except OSError as error:
         raise LogError(path, f"cannot be written: {error.strerror or error}.") from error
+    except LogError as error:
+        if Path(error.path).is_relative_to(stage):  # a name that nobody gave and that is gone by now
+            raise LogError(path, error.problem, line=error.line, column=error.column) from error
+        raise
     finally:
         for rest in (stage, aside):
             if rest.is_dir():

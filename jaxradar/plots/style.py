@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +11,8 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from jaxradar.drivefile import staged
 
 __all__ = [
     "BLACK",
@@ -72,6 +75,7 @@ def titled(figure: Figure, axes: Axes, message: str, source: str) -> None:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a PNG 1200 pixels wide."""
-    with styled():
-        figure.savefig(path, format="png", dpi=DPI)
+    """Write a PNG 1200 pixels wide in place of what was there. Raises `LogError` if it cannot be written."""
+    with styled(), warnings.catch_warnings(), staged(path, overwrite=True) as stage:
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)  # a name in a script without a font
+        figure.savefig(stage, format="png", dpi=DPI)
