@@ -12,6 +12,7 @@ from jaxradar.signal.clutter import noise_floor
 from jaxradar.signal.correlate import NOISE_SHARE, profile_shift, shifted_correlations
 
 CELLS = np.arange(64)
+FLOOR = jax.jit(noise_floor)
 SHIFT = jax.jit(profile_shift, static_argnums=2)
 
 
@@ -21,7 +22,7 @@ def profile(centre: float, amplitude: float = 900.0, width: float = 3.0) -> np.n
 
 def test_floor_under_an_echo(precision: str) -> None:
     cells = 100.0 + profile(30, 2000.0)
-    floor = noise_floor(cells)
+    floor = FLOOR(cells)
     quiet = cells[cells <= cells.mean()]
     assert float(floor.level) == pytest.approx(quiet.mean(), rel=1e-5)
     assert 100 <= float(floor.level) < 125
@@ -30,14 +31,14 @@ def test_floor_under_an_echo(precision: str) -> None:
 def test_scatter_does_not_see_a_slope(precision: str) -> None:
     generator = np.random.default_rng(0)
     noise = generator.normal(0, 5, 64)
-    flat, sloping = noise_floor(200 + noise), noise_floor(200 + noise + 0.2 * CELLS)
+    flat, sloping = FLOOR(200 + noise), FLOOR(200 + noise + 0.2 * CELLS)
     assert float(sloping.scatter) == pytest.approx(float(flat.scatter), rel=0.35)
     assert 2 < float(flat.scatter) < 6
 
 
 def test_documented_shares_of_rayleigh_noise() -> None:
     cells = stats.rayleigh.rvs(scale=164 / 1.0, size=200_000, random_state=np.random.default_rng(3))
-    floor = noise_floor(cells)
+    floor = FLOOR(cells)
     assert float(floor.level) / cells.mean() == pytest.approx(0.61, abs=0.01)
     assert float(floor.scatter) / cells.mean() == pytest.approx(0.24, abs=0.01)
 
@@ -54,10 +55,10 @@ def test_a_moved_and_scaled_profile_is_explained(shift: float, gain: float, prec
 
 
 def test_a_fade_and_turns_of_two_patches_are_not_a_shift(precision: str) -> None:
-    faded = profile_shift(0.2 * profile(30), jnp.asarray(profile(30)), 12)
+    faded = SHIFT(0.2 * profile(30), jnp.asarray(profile(30)), 12)
     assert float(faded.unexplained_still) == pytest.approx(NOISE_SHARE, abs=1e-4)
     before, after = profile(22) + 0.8 * profile(34), 0.8 * profile(22) + profile(34)
-    turned = profile_shift(after, jnp.asarray(before), 12)
+    turned = SHIFT(after, jnp.asarray(before), 12)
     assert float(turned.unexplained_still - turned.unexplained_moved) < 0.02
 
 
@@ -76,7 +77,7 @@ def test_correlations_equal_a_float64_oracle(precision: str) -> None:
 @pytest.mark.parametrize("other", [np.zeros(64), profile(30), profile(63)], ids=["silent", "same", "edge"])
 def test_values_and_gradients_are_finite(one: np.ndarray, other: np.ndarray, precision: str) -> None:
     def evidence(a, b):
-        shift = profile_shift(a, b, 12)
+        shift = SHIFT(a, b, 12)
         return shift.unexplained_still - shift.unexplained_moved + shift.cells
 
     value, gradients = jax.jit(jax.value_and_grad(evidence, argnums=(0, 1)))(jnp.asarray(one), jnp.asarray(other))
@@ -87,10 +88,10 @@ def test_values_and_gradients_are_finite(one: np.ndarray, other: np.ndarray, pre
 @pytest.mark.parametrize("cells", [np.zeros(64), np.full(64, 7.0), np.array([1.0, 2.0])], ids=["0", "flat", "two"])
 def test_floor_is_finite_with_its_gradient(cells: np.ndarray, precision: str) -> None:
     def total(x):
-        floor = noise_floor(x)
+        floor = FLOOR(x)
         return floor.level + floor.scatter
 
-    value, gradient = jax.value_and_grad(total)(jnp.asarray(cells))
+    value, gradient = jax.jit(jax.value_and_grad(total))(jnp.asarray(cells))
     assert np.isfinite(value)
     assert np.isfinite(gradient).all()
-    assert float(noise_floor(jnp.asarray(cells)).scatter) == pytest.approx(0, abs=1e-6)
+    assert float(FLOOR(jnp.asarray(cells)).scatter) == pytest.approx(0, abs=1e-6)

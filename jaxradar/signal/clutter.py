@@ -27,6 +27,7 @@ def noise_floor(cells: Counts) -> NoiseFloor:
     echo and a sloping floor are not noise. Of a floor of Rayleigh noise that is white over cells, with mean μ and
     standard deviation .52 μ, the level is .61 μ and the scatter .24 μ, since both look only below the mean.
     """
+    cells = jnp.asarray(cells)
     quiet = cells <= jnp.mean(cells)
     level = safe_divide(jnp.sum(jnp.where(quiet, cells, 0.0)), jnp.sum(quiet).astype(cells.dtype))
     pairs = quiet[1:] & quiet[:-1]
