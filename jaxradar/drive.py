@@ -18,6 +18,7 @@ import numpy as np
 __all__ = ["Channel", "Drive", "Motion", "Mounting", "RoadStep", "SensorSeries", "SweepFlag", "Truth"]
 
 NANOSECONDS = 1_000_000_000
+_MOST_SECONDS = 1e10  # int64 nanoseconds end at 9.2e9 s
 SWEEP_DTYPES = (np.dtype(np.uint16), np.dtype(np.float32), np.dtype(np.float64))
 
 
@@ -165,10 +166,15 @@ class Mounting:
 @dataclass(frozen=True)
 class RoadStep:
     """A step in the road: `impact_s` is the first contact of a front tyre, in seconds since the first sweep of the
-    drive; `height_m` is positive upwards, None where it is not known."""
+    drive; `height_m` is positive upwards, None where it is not known. Raises `ValueError` for an impact that is no time
+    of a drive."""
 
     impact_s: float
     height_m: float | None = None
+
+    def __post_init__(self) -> None:
+        if not abs(self.impact_s) < _MOST_SECONDS:
+            raise ValueError(f"`RoadStep(impact_s=...)` must be within {_MOST_SECONDS:g} s of 0; got {self.impact_s}.")
 
 
 @dataclass(frozen=True)

@@ -133,7 +133,7 @@ def match_steps(
 
 
 def _nanoseconds(time_s: float, name: str) -> int:
-    if not math.isfinite(time_s):
+    if not math.isfinite(time_s * NANOSECONDS):
         raise ValueError(f"`match_steps({name}=...)` must hold finite times; got {time_s}.")
     return round(float(time_s) * NANOSECONDS)
 

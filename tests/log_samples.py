@@ -125,7 +125,7 @@ def drives(draw: st.DrawFn) -> Drive:
     for name in draw(st.sets(st.sampled_from(["acceleration_m_s2", "yaw_rate_rad_s", "speed_m_s"]))):
         count = draw(st.integers(0, 5))
         channels[name] = Channel(draw(hnp.arrays(np.int64, count)), draw(hnp.arrays(np.float64, count)))
-    steps = st.lists(st.builds(RoadStep, finite, st.none() | finite), max_size=3)
+    steps = st.lists(st.builds(RoadStep, st.floats(-9e9, 9e9), st.none() | finite), max_size=3)
     return Drive(
         tuple(sensors),
         Motion(**channels),

@@ -74,7 +74,11 @@ def _step(path: Path, place: str, step: Any) -> RoadStep:
     impact_s = _number(path, place, step, "impact_s")
     if impact_s is None:
         raise LogError(path, f"{place} lacks `impact_s`, the first contact of a front tyre in seconds.")
-    return RoadStep(impact_s, _number(path, place, step, "height_m"))
+    height_m = _number(path, place, step, "height_m")
+    try:
+        return RoadStep(impact_s, height_m)
+    except ValueError as error:
+        raise LogError(path, f"{place}: {error}") from None
 
 
 def _check_keys(path: Path, place: str, found: Any, known: tuple[str, ...]) -> None:
