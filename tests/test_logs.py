@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 from dataclasses import replace
@@ -260,3 +261,24 @@ def test_real_recordings_survive_every_form(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.sensors[0].sweeps, drive.sensors[0].sweeps)
     np.testing.assert_array_equal(again.sensors[0].times_ns, drive.sensors[0].times_ns)
     np.testing.assert_array_equal(again.sensors[0].range_m, drive.sensors[0].range_m)
+
+
+def test_a_name_that_is_empty_or_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
+    """`Path("")` is the current folder, and a pipe waits for its other end."""
+    with pytest.raises(LogError, match="name is empty"):
+        read_log("")
+    assert find_logs([""]) == []
+    os.mkfifo(tmp_path / "3a.csv")
+    with pytest.raises(LogError, match="pipe"):
+        read_log(tmp_path / "3a.csv")
+    assert find_logs([tmp_path]) == []
+
+
+@pytest.mark.parametrize("impact_s", [1e300, -1e10, float("inf"), float("nan")])
+def test_an_impact_that_is_no_time_of_a_drive(impact_s: float, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="impact_s"):
+        RoadStep(impact_s)
+    (tmp_path / "3.csv").write_text(FIGURE_TEXT)
+    (tmp_path / "3.truth.json").write_text(json.dumps({"steps": [{"impact_s": 1}, {"impact_s": impact_s}]}))
+    with pytest.raises(LogError, match=r"3\.truth\.json: `(steps\[1\]`|impact_s` of `steps\[1\]`)"):
+        read_log(tmp_path / "3.csv")

@@ -29,9 +29,13 @@ def read_log(path: str | PathLike[str]) -> Drive:
     Acconeer file `.h5` or `.hdf5` (`jaxradar.logs.acconeer_h5`). Raises `LogError`, which says what is wrong where.
     """
     log = Path(path)
+    if not os.fspath(path):  # which `Path` takes for the current folder
+        raise LogError(path, f"the name is empty; expected {_READABLE}.")
     try:
         if log.is_dir():
             return _read_folder(log)
+        if log.exists() and not log.is_file():
+            raise LogError(log, "is a pipe or a device, which cannot be read twice; expected a file or a folder.")
         with log.open("rb") as file:
             start = file.read(len(_HDF5_START))
     except OSError as error:
@@ -58,7 +62,7 @@ def find_logs(paths: Iterable[str | PathLike[str]]) -> list[Path]:
     """All logs that files, folders and patterns with `*`, `?` or `[` name, sorted, each once.
 
     A folder that is a log itself is one log; any other is searched through. What does not exist, and a pattern that
-    matches nothing, is returned as it was given, so that reading it says so.
+    matches nothing, is returned as it was given, so that reading it says so; an empty name names nothing.
     """
     found: dict[str, Path] = {}
     for given in paths:
@@ -66,7 +70,7 @@ def find_logs(paths: Iterable[str | PathLike[str]]) -> list[Path]:
         exists = os.path.lexists(text)
         # `Path.glob` takes no absolute pattern.
         matches = [] if exists or not glob.has_magic(text) else glob.glob(text, recursive=True)  # noqa: PTH207
-        for path in map(Path, matches or [text]):
+        for path in map(Path, matches or [text]) if text else ():
             logs = _logs_in(path) if path.is_dir() else [path] if not matches or _is_log_file(path) else []
             for log in logs:
                 found.setdefault(os.path.realpath(log), log)
@@ -94,6 +98,8 @@ def _sensor_files(folder: Path) -> list[Path]:
 
 
 def _is_log_file(path: Path) -> bool:
+    if not path.is_file():  # a pipe would wait for its other end
+        return False
     if path.suffix.lower() in _HDF5_NAMES:
         return True
     return path.suffix.lower() == ".csv" and path.name not in MOTION_FILES and looks_like_radar(path)
