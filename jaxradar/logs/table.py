@@ -237,8 +237,8 @@ def _lines(path: Path, text: bytes, width: int, first_line: int, alone: bool) ->
             missing[row] = True
             lines[row] = time + zeros
         elif found != width:
-            problem = f"has {found} cells" if line else "is empty"
-            raise LogError(path, f"the row {problem}; expected {width}.", line=first_line + row)
+            problem = f"has {found} cell{'' if found == 1 else 's'}" if line else "is empty"
+            raise LogError(path, f"the row {problem}; expected {width} cells.", line=first_line + row)
     return lines, missing
 
 
