@@ -198,3 +198,9 @@ def test_a_day_of_sweeps_makes_a_small_picture(tmp_path: Path) -> None:
     series, trace = made(np.arange(count) / 20, bins=4, events=tuple(np.arange(2000) * 40.0))
     save(plot_drive(series, trace), tmp_path / "day.png")
     assert (tmp_path / "day.png").stat().st_size < 1_000_000
+
+
+def test_a_statistic_of_zero_does_not_lie_under_the_axis() -> None:
+    series, trace = made(np.arange(20) / 100)
+    panel = plot_drive(series, trace).axes[2]
+    assert panel.get_ylim()[0] < 0

@@ -135,7 +135,8 @@ def _draw_statistic(panel: Axes, trace: StepTrace) -> None:
         panel.set_yticks([0.0, *(10.0**powers)], ["0", *(f"{10.0**power:g}" for power in powers)])
         panel.minorticks_off()
     else:
-        panel.set_ylim(0, 1.25 * max(top, 1.3 * trace.threshold, 1e-12))
+        top = 1.25 * max(top, 1.3 * trace.threshold, 1e-12)
+        panel.set_ylim(-0.04 * top, top)  # a line at 0 would lie under the axis
     panel.annotate(
         f"threshold {trace.threshold:g}",
         (1.0, trace.threshold),
