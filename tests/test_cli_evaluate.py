@@ -207,6 +207,7 @@ def test_targets_that_cannot_be_written_are_refused_before_any_work(
         ("--json", tmp_path / "absent" / "x.jsonl"),
         ("--json", log / "3.csv"),
         ("--json", tmp_path / "x" / ".." / "log" / "new.jsonl"),
+        ("--json", tmp_path / "log.truth.json"),
         ("--figures", tmp_path / "file"),
         ("--figures", tmp_path / "file" / "deeper"),
     ):
@@ -227,8 +228,8 @@ def test_lines_are_on_the_disk_before_the_next_log_is_read(
     write_log(jumps(50), tmp_path / "next")
     read, target = jaxradar.logs.read_log, tmp_path / "results.jsonl"
 
-    def stopped(path: Path) -> Drive:
-        if path.name == "next":
+    def stopped(path: str) -> Drive:
+        if path.endswith("next"):
             raise KeyboardInterrupt
         return read(path)
 
@@ -307,3 +308,11 @@ def test_names_that_no_font_and_no_terminal_takes_as_they_are(
     assert err == ""
     assert not [str(one.message) for one in recwarn if "Glyph" in str(one.message)]
     assert len(list((tmp_path / "figures").iterdir())) == 2
+
+
+@pytest.mark.parametrize("given", ["./log", "log/", ".//log", "log"])
+def test_the_path_is_the_one_that_was_given(
+    given: str, log: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(log.parent)
+    assert [line["path"] for line in run(capsys, given)[1]] == [given]

@@ -40,7 +40,7 @@ class Outcome:
     `matching` is None where the truth is not known.
     """
 
-    path: Path
+    path: str
     drive: Drive
     series: SensorSeries
     places: np.ndarray
@@ -48,20 +48,23 @@ class Outcome:
     matching: Matching | None
 
 
-def all_logs(paths: Sequence[str]) -> tuple[list[Path], list[tuple[str, str]]]:
-    """The logs that the arguments name, each once, and (argument, what is wrong) of those that name none."""
-    logs: dict[str, Path] = {}
+def all_logs(paths: Sequence[str]) -> tuple[list[str], list[tuple[str, str]]]:
+    """The logs that the arguments name, each once and as it was given or found, and (argument, what is wrong) of those
+    that name none."""
+    logs: dict[str, str] = {}
     empty = []
     for given in paths:
         found = find_logs([given])
         if not found:
-            empty.append((given, f"{given}: is a folder without logs; expected <sensor>.csv, .h5 or .drive in it."))
+            folder = f"{given}: is a folder without logs; expected <sensor>.csv, .h5 or .drive in it."
+            empty.append((given, folder if given else "'': an empty name names no log."))
         for path in found:
-            logs.setdefault(os.path.realpath(path), path)
+            # `Path` writes "./a//b/" as "a/b", and who asked for the one looks for it in the results.
+            logs.setdefault(os.path.realpath(path), given if path == Path(given) else os.fspath(path))
     return list(logs.values()), empty
 
 
-def detect_in(path: Path, drive: Drive, detector: Any, selection: Selection, window: MatchWindow) -> Iterator[Outcome]:
+def detect_in(path: str, drive: Drive, detector: Any, selection: Selection, window: MatchWindow) -> Iterator[Outcome]:
     """Run a detector over the selected part of each selected sensor of a drive.
 
     Raises `ConfigError` if the drive has not got what is selected.
@@ -84,7 +87,7 @@ def detect_in(path: Path, drive: Drive, detector: Any, selection: Selection, win
         yield Outcome(path, drive, series, places, trace, matching)
 
 
-def _chosen(path: Path, drive: Drive, selection: Selection) -> tuple[SensorSeries, ...]:
+def _chosen(path: str, drive: Drive, selection: Selection) -> tuple[SensorSeries, ...]:
     if selection.sensor is None:
         return drive.sensors
     try:
@@ -94,7 +97,7 @@ def _chosen(path: Path, drive: Drive, selection: Selection) -> tuple[SensorSerie
         raise ConfigError(f"{path}: has no sensor {selection.sensor}; its sensors: {held}.") from None
 
 
-def _cut(path: Path, series: SensorSeries, selection: Selection) -> tuple[SensorSeries, np.ndarray]:
+def _cut(path: str, series: SensorSeries, selection: Selection) -> tuple[SensorSeries, np.ndarray]:
     from jaxradar.systems.step import thin
 
     times_s, places = series.times_s, np.arange(len(series))
@@ -125,7 +128,7 @@ def record_of(outcome: Outcome) -> dict[str, Any]:
     """One line of `--json`."""
     series, matching = outcome.series, outcome.matching
     return {
-        "path": os.fspath(outcome.path),
+        "path": outcome.path,
         "sensor": series.sensor,
         "sweeps": len(series),
         "duration_s": series.duration_s,
@@ -191,4 +194,4 @@ def draw_sweeps(outcome: Outcome, path: Path) -> Path:
 
 
 def _name(outcome: Outcome) -> str:
-    return outcome.path.resolve().stem
+    return Path(outcome.path).resolve().stem

@@ -66,7 +66,7 @@ class Lines:
 
 
 @contextmanager
-def json_lines(target: str | None, logs: Sequence[Path]) -> Iterator[Lines]:
+def json_lines(target: str | None, logs: Sequence[str]) -> Iterator[Lines]:
     """Lines into a file, on standard output for `-`, nowhere for None.
 
     Raises `ConfigError` if the file cannot be written or belongs to one of the logs.
@@ -77,8 +77,10 @@ def json_lines(target: str | None, logs: Sequence[Path]) -> Iterator[Lines]:
     real = Path(os.path.realpath(target))
     for log in logs:
         held = Path(os.path.realpath(log))
-        if held == real or held in real.parents:
-            raise ConfigError(f"--json {shown(target)} would overwrite the log {shown(log)} or a part of it.")
+        if real in (held, held.with_name(f"{held.stem}.truth.json")) or held in real.parents:
+            raise ConfigError(
+                f"--json {shown(target)} would overwrite the log {shown(log)}, a part of it or its truth."
+            )
     path = Path(target)
     try:
         file = path.open("w", encoding="utf-8")

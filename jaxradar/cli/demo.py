@@ -59,7 +59,7 @@ def _run(args: argparse.Namespace) -> int:
     names = ("thesis", "default")
     outcomes, figures = [], []
     for name in names:
-        (outcome,) = detect_in(log, drive, load_detector(name).detector, Selection(), MatchWindow())
+        (outcome,) = detect_in(str(log), drive, load_detector(name).detector, Selection(), MatchWindow())
         outcomes.append(outcome)
         figures.append(draw_drive(outcome, folder / f"{name}.png", name))
     figures.append(draw_sweeps(outcomes[-1], folder / "sweeps.png"))

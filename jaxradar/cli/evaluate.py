@@ -7,7 +7,6 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxradar._errors import ConfigError, JaxradarError
@@ -97,7 +96,7 @@ def _run(args: argparse.Namespace) -> int:
                 except BrokenPipeError:
                     raise
                 except (JaxradarError, OSError) as error:
-                    fail(os.fspath(path), error)
+                    fail(path, error)
     if not args.quiet:
         print_outcomes(sys.stderr if args.json == "-" else sys.stdout, outcomes)
     if not failures:
@@ -112,7 +111,7 @@ def _sentence(error: JaxradarError | OSError | str) -> str:
 
 
 @contextmanager
-def _progress(logs: Sequence[Path], *, quiet: bool) -> Iterator[Iterator[Path]]:
+def _progress(logs: Sequence[str], *, quiet: bool) -> Iterator[Iterator[str]]:
     """The logs one after the other, with a bar on standard error if that is a terminal."""
     if quiet or len(logs) < 2 or not sys.stderr.isatty():
         yield iter(logs)
@@ -122,7 +121,7 @@ def _progress(logs: Sequence[Path], *, quiet: bool) -> Iterator[Iterator[Path]]:
     with Progress(console=console(sys.stderr), transient=True) as bar:
         task = bar.add_task("evaluating", total=len(logs))
 
-        def each() -> Iterator[Path]:
+        def each() -> Iterator[str]:
             for path in logs:
                 yield path
                 bar.advance(task)

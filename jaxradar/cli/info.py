@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -48,10 +47,10 @@ def _run(args: argparse.Namespace) -> int:
     failed = len(empty)
     for path in logs:
         try:
-            said = describe(os.fspath(path), read_log(path))
+            said = describe(path, read_log(path))
         except JaxradarError as error:
             failed += 1
-            lines.write({"path": os.fspath(path), "error": str(error)})
+            lines.write({"path": path, "error": str(error)})
             print(f"jaxradar: {shown(str(error))}", file=sys.stderr)
             continue
         if args.json:
@@ -140,7 +139,8 @@ def _text(said: dict[str, Any]) -> list[str]:
 
 def _sensor_text(sensor: dict[str, Any]) -> list[str]:
     rate = "no rate" if sensor["sweep_rate_hz"] is None else f"{sensor['sweep_rate_hz']:.2f} Hz"
-    lines = [f"  sensor {sensor['sensor']:<5}{sensor['sweeps']} sweeps in {sensor['duration_s']:.3f} s, {rate}"]
+    sweeps = f"{sensor['sweeps']} sweep{'' if sensor['sweeps'] == 1 else 's'}"
+    lines = [f"  sensor {sensor['sensor']:<5}{sweeps} in {sensor['duration_s']:.3f} s, {rate}"]
     if sensor["interval_sd_s"] is not None:
         jitter, longest = 1e3 * sensor["interval_sd_s"], 1e3 * sensor["longest_interval_s"]
         lines.append(f"intervals vary by {jitter:.2f} ms (standard deviation), the longest is {longest:.1f} ms")
