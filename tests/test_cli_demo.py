@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,14 @@ def test_the_demo_leaves_a_strange_folder_alone(tmp_path: Path, capsys: pytest.C
     assert [path.name for path in tmp_path.rglob("*")] == ["log", "diary.txt"]
     (tmp_path / "file").write_text("")
     assert main(["demo", "-o", str(tmp_path / "file")]) == 2
+
+
+def test_the_demo_leaves_a_recording_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_log(replace(demo_drive(seed=3), truth=None), tmp_path / "log")
+    before = (tmp_path / "log" / "3.csv").read_bytes()
+    assert main(["demo", "-o", str(tmp_path)]) == 1
+    assert "left alone" in capsys.readouterr().err
+    assert (tmp_path / "log" / "3.csv").read_bytes() == before
 
 
 def test_view_draws_each_sensor_and_says_where(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

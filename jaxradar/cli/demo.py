@@ -8,12 +8,14 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
+from jaxradar._errors import LogError
 from jaxradar.cli._options import add_command, whole
 from jaxradar.cli._output import ready_folder, shown
 from jaxradar.cli.evaluate import print_outcomes
 
 if TYPE_CHECKING:
     from jaxradar.cli._detect import Outcome
+    from jaxradar.drive import Drive
     from jaxradar.sim import DemoScene
 
 __all__ = ["add_to"]
@@ -53,7 +55,10 @@ def _run(args: argparse.Namespace) -> int:
 
     scene = DemoScene()
     log = folder / "log"
-    write_log(demo_drive(args.seed, scene), log, overwrite=True)
+    made = demo_drive(args.seed, scene)
+    if log.exists() and not _is_demo(log, made):
+        raise LogError(log, "was not written by a demo and is left alone; give another --output.")
+    write_log(made, log, overwrite=True)
     # From here on, what anybody's log would go through.
     drive = read_log(log)
     names = ("thesis", "default")
@@ -81,6 +86,17 @@ def _run(args: argparse.Namespace) -> int:
     ):
         print(f"  {command}")
     return 0
+
+
+def _is_demo(log: Path, made: Drive) -> bool:
+    """Whether a demo wrote what stands there: a recording of the user's may bear the same name."""
+    from jaxradar.logs import read_log
+
+    try:
+        held = read_log(log)
+    except LogError:
+        return False
+    return (held.truth, held.mounting) == (made.truth, made.mounting)
 
 
 def _quoted(path: Path) -> str:
