@@ -26,6 +26,10 @@ Held against the truth:
 - `summarise`: many outcomes as one `Summary`.
 - `propose_steps`: steps proposed from the acceleration.
 
+Physics:
+
+- `friis_power_ratio`, `free_space_loss`: received over transmitted power in free space, and its loss.
+
 Drives and figures:
 
 - `demo_drive`: a synthetic drive over a step, made after a `DemoScene`.
@@ -62,6 +66,7 @@ if TYPE_CHECKING:
         load_detector,
         thin,
     )
+    from jaxradar.units import free_space_loss, friis_power_ratio
 
 __all__ = [
     "Channel",
@@ -86,6 +91,8 @@ __all__ = [
     "detect",
     "dump_detector",
     "find_logs",
+    "free_space_loss",
+    "friis_power_ratio",
     "load_detector",
     "match_steps",
     "plot_drive",
@@ -105,6 +112,7 @@ _HOMES = {
     "logs": "find_logs read_log write_log",
     "plots": "plot_drive plot_sweeps",
     "sim": "DemoScene demo_drive",
+    "units": "free_space_loss friis_power_ratio",
     "systems.step": "DetectorFile StepEvent StepTrace detect dump_detector load_detector thin",
 }
 

@@ -20,7 +20,9 @@ def as_scalar(value: Any) -> Any:
     NumPy keeps the double until a program takes it in, so that one that runs in float64 compares with 0.7 and not
     with float32's 0.69999999; and its type is never weak, so that another value does not recompile.
     """
-    return value if isinstance(value, jax.Array) else np.asarray(value, np.float64)
+    if isinstance(value, jax.Array):
+        return jax.lax.convert_element_type(value, value.dtype)  # the same value with a strong type
+    return np.asarray(value, np.float64)
 
 
 def finite(sweep: RawSweep) -> Sweep:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from os import PathLike
@@ -25,9 +26,10 @@ def read_toml(path: str | PathLike[str]) -> dict[str, Any]:
     """The tables of a TOML file. Raises `ConfigError` naming the file, and the place if it is not TOML."""
     try:
         return tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise ConfigError(f"{path}: expected a TOML file; {reason}") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}.") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"{path}: expected a TOML file: {error}.") from None
 
 
 def check_keys(path: str | PathLike[str], table: Mapping[str, Any], known: Iterable[str], where: str) -> None:
@@ -57,4 +59,7 @@ def toml_value(value: Any) -> str:
 
 def toml_line(key: str, value: Any, comment: str = "") -> str:
     """`key = value  # comment`, without a line end."""
-    return f"{key} = {toml_value(value)}" + (f"  # {comment}" if comment else "")
+    bare = re.fullmatch(r"[A-Za-z0-9_-]+", key)
+    return f"{key if bare else json.dumps(key, ensure_ascii=False)} = {toml_value(value)}" + (
+        f"  # {comment}" if comment else ""
+    )

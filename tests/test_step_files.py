@@ -26,7 +26,7 @@ def test_the_printed_file_is_the_default(name: str, tmp_path: Path) -> None:
 def test_everything_comes_back(tmp_path: Path) -> None:
     path = tmp_path / "detector.toml"
     mounting = Mounting(0.35, 45.0, None)
-    provenance = {"data": 'a "folder"', "seed": 7, "scores": [0.1, 0.2], "final": True}
+    provenance = {"data": 'a "folder"', "seed": 7, "scores": [0.1, 0.2], "final": True, "made by": "me"}
     path.write_text(
         dump_detector(DetectorFile(DefaultDetector(evidence=0.123456789, cell_m=0.01), mounting, provenance))
     )
@@ -49,9 +49,10 @@ REFUSED = {
     "not a number": (HEAD + 'evidence = "0.1"\n', "`evidence` must be a number; got '0.1'"),
     "a truth for a number": (HEAD + "evidence = true\n", "`evidence` must be a number; got True"),
     "nan": (HEAD + "evidence = nan\n", "must be between 0.0 and 1.0; got nan"),
-    "not TOML": ("format = \n", "expected a TOML file; Invalid value (at line 1"),
+    "not TOML": ("format = \n", "expected a TOML file: Invalid value (at line 1"),
     "mounting's key": (HEAD + "[mounting]\nhight_m = 1\n", "unknown key `hight_m` (did you mean `height_m`?)"),
     "mounting's value": (HEAD + "[mounting]\nheight_m = inf\n", "`height_m` in [mounting] must be a finite number"),
+    "a date": (HEAD + "[provenance]\nday = 2024-01-01\n", "`day` in [provenance] must be a text"),
     "mounting no table": (HEAD + "mounting = 3\n", "[mounting] must be a table; got 3"),
 }
 
@@ -71,7 +72,7 @@ def test_unknown_name_is_answered_with_the_nearest() -> None:
         ConfigError, match=r"unknown detector `thesys` \(did you mean `thesis`\?\); expected thesis, lab"
     ):
         load_detector("thesys")
-    with pytest.raises(ConfigError, match=r"missing.toml: expected a TOML file; No such file"):
+    with pytest.raises(ConfigError, match=r"missing.toml: cannot be read: No such file"):
         load_detector("missing.toml")
 
 

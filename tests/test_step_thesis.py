@@ -50,14 +50,13 @@ def test_equals_a_plain_transcription(seed: int) -> None:
 
 
 def test_near_tie_falls_as_float64_would_choose() -> None:
-    """65535·(2·.1)² against 16384·(2·.2)²: in float32 both round to the same number, in float64 the first is less."""
-    range_m = np.array([0.1, 0.2, 0.3])
-    first, second = 65535, 16384
-    assert np.float32(first * 0.04) - np.float32(second * 0.16) < 0  # and equal sums in the weights' own rounding
-    sweeps = np.array([[first, second, 0], [first, second - 1, 0]] * 2, np.uint16)
-    trace = detect(ThesisDetector(), series(sweeps, range_m=range_m))
-    wanted = range_m[np.argmax(sweeps * (2 * range_m) ** 2, axis=1)]
-    np.testing.assert_array_equal(trace.range_m, wanted)
+    """On the fixture's axis, 62616 counts in its first bin beat 54640 in its second by 5e-9, and not in float32."""
+    range_m = 0.099768 + 0.0070338 * np.arange(BINS)
+    sweeps = np.zeros((2, BINS), np.uint16)
+    sweeps[:, 0], sweeps[:, 1] = 62616, 54640
+    for dtype, wanted in ((np.float64, 0), (np.float32, 1)):
+        assert np.argmax(sweeps[0].astype(dtype) * (2 * range_m.astype(dtype)) ** 2) == wanted
+    np.testing.assert_array_equal(detect(ThesisDetector(), series(sweeps, range_m=range_m)).range_m, range_m[0])
 
 
 def test_threshold_is_strict() -> None:
@@ -97,14 +96,12 @@ def test_each_sweep_over_the_threshold_is_a_detection_of_its_own() -> None:
 
 
 def test_exponent_is_a_parameter() -> None:
-    """528 counts at .993 m beat 2125 at .495 m with (2r)² and not with 2r (requirement 30)."""
+    """528 counts at .993 m beat an echo under 2125 at .495 m with (2r)² and not with 2r (requirement 30)."""
     range_m = 0.1 + 0.001 * np.arange(900)
     sweep = np.zeros(900, np.uint16)
-    sweep[[395, 893]] = 2125, 528
+    sweep[[395, 893]] = 2124, 528
     log = series([sweep], range_m=range_m)
-    assert detect(ThesisDetector(), log).range_m[0] == pytest.approx(
-        0.993 if 528 * 0.993**2 > 2125 * 0.495**2 else 0.495
-    )
+    assert detect(ThesisDetector(), log).range_m[0] == pytest.approx(0.993)
     assert detect(ThesisDetector(exponent=1.0), log).range_m[0] == pytest.approx(0.495)
 
 
@@ -151,6 +148,13 @@ def test_lab_live_mended_measures_from_the_axis() -> None:
     assert trace.valid.tolist() == [True, True, True, True, False, True]
     np.testing.assert_allclose(trace.range_m[:4], range_m[[far, near, near, far]])
     assert trace.events[0].statistic > trace.events[0].threshold == pytest.approx(1 / 0.15)
+
+
+def test_lab_live_takes_an_object_at_no_distance_for_one() -> None:
+    trace = detect(LabLiveDetector(), series(np.array([[0, 0], [5000, 0]], np.uint16), range_m=np.array([0.0, 0.1])))
+    assert [event.sweep for event in trace.events] == [1]
+    assert trace.valid.tolist() == [False, True]
+    assert np.isfinite(trace.statistic).all()
 
 
 def test_lab_live_correction_is_the_disabled_line() -> None:

@@ -155,7 +155,11 @@ def record_of(outcome: Outcome) -> dict[str, Any]:
 
 def figure_files(outcome: Outcome, folder: Path, detector: str, taken: set[str]) -> list[Path]:
     """Draw what was found into PNG files whose names are not among those `taken`; returns where they are."""
-    stem = name = f"{_name(outcome)}-sensor{outcome.series.sensor}"
+    # Logs of different drives often share a name; the folder above tells them apart, in the title too.
+    label = _name(outcome.path)
+    if f"{label}-sensor{outcome.series.sensor}" in taken:
+        label = f"{Path(outcome.path).resolve().parent.name}-{label}"
+    stem = name = f"{label}-sensor{outcome.series.sensor}"
     number = 1
     while name in taken:
         number += 1
@@ -163,14 +167,14 @@ def figure_files(outcome: Outcome, folder: Path, detector: str, taken: set[str])
     taken.add(name)
     written = []
     if len(outcome.series):
-        written.append(draw_drive(outcome, folder / f"{name}.png", detector))
+        written.append(draw_drive(outcome, folder / f"{name}.png", detector, label))
     if not outcome.series.invalid.all():
-        written.append(draw_sweeps(outcome, folder / f"{name}-sweeps.png"))
+        written.append(draw_sweeps(outcome, folder / f"{name}-sweeps.png", label))
     return written
 
 
-def draw_drive(outcome: Outcome, path: Path, detector: str) -> Path:
-    """The drive over time with the detections; returns `path`."""
+def draw_drive(outcome: Outcome, path: Path, detector: str, label: str | None = None) -> Path:
+    """The drive over time with the detections, under the log's name if it has no other `label`; returns `path`."""
     from jaxradar.plots import plot_drive, save
 
     figure = plot_drive(
@@ -178,20 +182,22 @@ def draw_drive(outcome: Outcome, path: Path, detector: str) -> Path:
         outcome.trace,
         motion=outcome.drive.motion,
         matching=outcome.matching,
-        source=f"{shown(_name(outcome))}, sensor {outcome.series.sensor}, detector {detector}",
+        source=f"{shown(label or _name(outcome.path))}, sensor {outcome.series.sensor}, detector {detector}",
     )
     save(figure, path)
     return path
 
 
-def draw_sweeps(outcome: Outcome, path: Path) -> Path:
-    """The sweeps laid over each other; returns `path`."""
+def draw_sweeps(outcome: Outcome, path: Path, label: str | None = None) -> Path:
+    """The sweeps laid over each other, labelled likewise; returns `path`."""
     from jaxradar.plots import plot_sweeps, save
 
-    source = f"{shown(_name(outcome))}, sensor {outcome.series.sensor}"
+    source = f"{shown(label or _name(outcome.path))}, sensor {outcome.series.sensor}"
     save(plot_sweeps(outcome.series, outcome.trace, source=source), path)
     return path
 
 
-def _name(outcome: Outcome) -> str:
-    return Path(outcome.path).resolve().stem
+def _name(path: str) -> str:
+    log = Path(path).resolve()
+    # A folder of CSV files may have a dot in its name: only what is a file's or a drive's ending is taken off.
+    return log.stem if log.is_file() or log.suffix == ".drive" else log.name

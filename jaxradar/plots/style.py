@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib import font_manager
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -37,7 +38,12 @@ MAP = "viridis"
 WIDTH_IN = 8.0
 DPI = 150
 
+_CJK = ("Noto Sans CJK JP", "IPAexGothic", "IPAGothic", "TakaoGothic", "Yu Gothic", "Hiragino Sans", "MS Gothic")
+_INSTALLED = [name for name in _CJK if name in {font.name for font in font_manager.fontManager.ttflist}]
+
 _STYLE: dict[Any, Any] = {
+    # Names of logs come in any script; matplotlib's own font is tried first, glyph by glyph, then what is installed.
+    "font.family": ["DejaVu Sans", *_INSTALLED],
     "font.size": 10.5,
     "axes.titlesize": 10.5,
     "axes.labelsize": 10.5,

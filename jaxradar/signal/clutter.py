@@ -28,7 +28,8 @@ def noise_floor(cells: Counts) -> NoiseFloor:
     standard deviation .52 μ, the level is .61 μ and the scatter .24 μ, since both look only below the mean.
     """
     cells = jnp.asarray(cells)
-    quiet = cells <= jnp.mean(cells)
+    # Of equal cells, the mean may be rounded to below them all.
+    quiet = cells <= jnp.maximum(jnp.mean(cells), jnp.min(cells))
     level = safe_divide(jnp.sum(jnp.where(quiet, cells, 0.0)), jnp.sum(quiet).astype(cells.dtype))
     pairs = quiet[1:] & quiet[:-1]
     steps = jnp.where(pairs, cells[1:] - cells[:-1], 0.0)

@@ -146,7 +146,8 @@ class MatchedFilter(PeakEstimator):
 
     The maximum-likelihood estimate of one echo's place in white noise (Van Trees, Detection, Estimation, and
     Modulation Theory I, section 4.2.3); all bins are searched, which removes the gross outliers of the others at low
-    SNR. A step that would leave the top's concave part is not taken.
+    SNR. What an edge cuts off is taken into account: the correlation is held against the energy of the pulse inside the
+    window. No step is taken where the likelihood is not concave, none is longer than a bin.
     """
 
     fwhm: float = eqx.field(static=True, default=8.0)
@@ -163,16 +164,23 @@ class MatchedFilter(PeakEstimator):
         radius = int(np.ceil(1.5 * self.fwhm))
         template = gaussian_pulse(jnp.arange(-radius, radius + 1, dtype=window.dtype), self.fwhm)
         scaled = safe_divide(window, jnp.broadcast_to(jnp.max(window), window.shape))
-        # Energy of the template inside the window: an echo at the edge is cut, not weak.
         energy = jnp.convolve(jnp.ones_like(scaled), template**2, mode="full")[radius : radius + size]
         likelihood = jnp.convolve(scaled, template, mode="full")[radius : radius + size] / jnp.sqrt(energy)
         position = first_argmax(likelihood).astype(window.dtype)
         sigma = self.fwhm * SIGMA_PER_FWHM
         for _ in range(self.newton_steps):
+            # Of log c − ½ log e, with the correlation c and the pulse's energy e; all in units of sigma.
             offset = (bins - position) / sigma
-            weighted = scaled * gaussian_pulse(offset * sigma, self.fwhm)
-            slope = jnp.sum(weighted * offset) / sigma
-            curvature = jnp.sum(weighted * (offset**2 - 1.0)) / sigma**2
+            pulse = jnp.exp(-0.5 * offset**2)
+            match, energy_here = scaled * pulse, pulse**2
+            correlation = jnp.maximum(jnp.sum(match), jnp.finfo(window.dtype).tiny)
+            rise = jnp.sum(match * offset) / correlation
+            bend = jnp.sum(match * (offset**2 - 1.0)) / correlation
+            total = jnp.sum(energy_here)
+            energy_rise = jnp.sum(energy_here * 2.0 * offset) / total
+            energy_bend = jnp.sum(energy_here * (4.0 * offset**2 - 2.0)) / total
+            slope = (rise - 0.5 * energy_rise) / sigma
+            curvature = (bend - rise**2 - 0.5 * (energy_bend - energy_rise**2)) / sigma**2
             concave = curvature < 0
             step = jnp.where(concave, -slope / jnp.where(concave, curvature, -1.0), 0.0)
             position = position + jnp.clip(step, -1.0, 1.0)

@@ -20,6 +20,7 @@ __all__ = ["DefaultDetector", "DefaultState", "ProfileObservation"]
 
 
 FULL_SCALE = 65535.0  # of the sensor's uint16 counts
+LONGEST_SILENCE = 5.0  # refractory times after which a detector speaks again whatever the evidence does
 
 
 class ProfileObservation(eqx.Module):
@@ -58,12 +59,16 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     Each sweep is averaged into range cells, its noise floor estimated and taken away, and its strongest echo selected
     on these amplitudes, times (2r)^exponent, and refined on the raw ones. A sweep is valid if that echo stands out
     of the floor by two measures: against the floor's level (averaged sweeps, whose noise is smooth) and against its
-    scatter (single sweeps, whose noise is rough).
+    scatter (single sweeps, whose noise is rough). Single sweeps at full resolution, whose noise has the pulse's own
+    width along range, look like weak echoes to both: there noise may pass as valid. Where the echo is strong, an
+    `over_floor` of 1 or more keeps such noise out.
 
     The profile is then compared with a running mean of the profiles of the last `window_s`. Let u₀ be the share of
     its norm that the reference, freely scaled, leaves unexplained, and u₁ the same after the best shift: the statistic
     is u₀ − u₁. A fade leaves both at 0; two fixed patches that take turns as the maximum raise both; an echo that moves
-    raises only u₀. Hysteresis and a refractory time make one detection of one step.
+    raises only u₀. Where even the best shift leaves more than `most_unexplained`, the profiles have nothing to do with
+    each other (noise has not, from sweep to sweep) and there is no detection. Hysteresis and a refractory time make one
+    detection of one step. A log with fewer than one sweep in `longest_gap_s` gives none.
     """
 
     name: ClassVar[str] = "default"
@@ -74,11 +79,12 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         0.16, 0.0, 1.0, "", "a shift must explain this share of the profile more than none does"
     )
     release: Setting = setting(0.08, 0.0, 1.0, "", "the evidence must fall below this before the next detection")
+    most_unexplained: Setting = setting(0.5, 0.0, 1.1, "", "a shift that leaves more than this open explains nothing")
     least_shift_m: Setting = setting(0.006, 0.0, 1.0, "m", "a smaller shift is no step")
     window_s: Setting = setting(0.03, 1e-3, 10.0, "s", "time constant of the running mean a sweep is compared with")
     settle_s: Setting = setting(0.08, 0.0, 10.0, "s", "no detection so soon after a track has begun")
     refractory_s: Setting = setting(0.2, 0.0, 10.0, "s", "no second detection so soon after one")
-    longest_gap_s: Setting = setting(0.3, 1e-3, 10.0, "s", "a longer time without a valid sweep begins a new track")
+    longest_gap_s: Setting = setting(0.3, 1e-3, 10.0, "s", "a longer time between valid sweeps begins a new track")
     over_floor: Setting = setting(0.58, 0.0, 100.0, "", "an echo must rise this many floor levels above the floor")
     over_scatter: Setting = setting(11.0, 0.0, 1e3, "", "and this many standard deviations of the floor's noise")
     exponent: Setting = setting(0.0, 0.0, 6.0, "", "the echo is selected on amplitudes times (2r)^exponent")
@@ -109,7 +115,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         near = selected * per_cell + per_cell // 2
         refined = SoftArgmax(self.temperature, half_width=half_width)(amplitudes, near).position
         # The top of a saturated echo may be wider than the window: its middle is all that is known.
-        clipped = jnp.max(amplitudes) >= FULL_SCALE
+        clipped = jnp.max(amplitudes) == FULL_SCALE
         position = jnp.where(clipped, ArgMax()(amplitudes).position, refined)
         return ProfileObservation(
             profile=profile,
@@ -134,8 +140,8 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     ) -> tuple[DefaultState, Decision]:
         seen = observation.valid
         gap = state.gap_s + dt
-        # A clock that goes back says nothing of how long ago the reference was: begin anew.
-        tracking = state.tracking & (gap >= 0) & (gap <= self.longest_gap_s)
+        # Jittering times go back by a little, and then the reference still stands; a clock that was set does not.
+        tracking = state.tracking & (jnp.abs(gap) <= self.longest_gap_s)
         fresh = seen & ~tracking
         compared = seen & tracking
         age = jnp.where(fresh, 0.0, state.age_s + jnp.maximum(dt, 0.0))
@@ -149,14 +155,19 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
 
         quiet = state.quiet_s + jnp.maximum(dt, 0.0)
         ready = (age >= self.settle_s) & state.armed & (gap > 0)
-        event = compared & ready & (statistic > self.evidence)
-        rearmed = (statistic < self.release) & (quiet >= self.refractory_s)
+        explains = shift.unexplained_moved <= self.most_unexplained
+        event = compared & ready & explains & (statistic > self.evidence)
+        # Motion that never stops would keep the evidence up: after a while it may speak again all the same.
+        rested = (statistic < self.release) | (quiet >= LONGEST_SILENCE * self.refractory_s)
+        rearmed = rested & (quiet >= self.refractory_s)
 
         stays = jnp.abs(observation.range_m - state.range_m) <= self.pulse_m
         carried = ~stays & (statistic > self.release)
         expected_m = jnp.where(carried, state.reference_m + shift_m, state.range_m)
         followed_m, lost = self._follow(observation, expected_m)
-        lost_s = jnp.where(compared & lost, state.lost_s + jnp.maximum(gap, 0.0), jnp.where(seen, 0.0, state.lost_s))
+        # Forgotten as slowly as it was gathered: one sweep that looks like the old echo does not bring it back.
+        passed = jnp.where(compared, jnp.maximum(gap, 0.0), 0.0)
+        lost_s = jnp.maximum(state.lost_s + jnp.where(lost, passed, -passed), 0.0)
         # Another echo that stays stronger for long is the road now; taking it up is not a detection.
         taken_up = fresh | (lost_s > self.longest_gap_s)
         range_m = jnp.where(taken_up, observation.range_m, followed_m)
@@ -173,13 +184,18 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
             lost_s=jnp.where(taken_up, 0.0, lost_s),
             gap_s=jnp.where(seen, 0.0, gap),
             quiet_s=jnp.where(event, 0.0, quiet),
-            armed=jnp.where(event, False, state.armed | rearmed | fresh),
+            armed=jnp.where(event, False, state.armed | rearmed),
             tracking=tracking | seen,
         )
         return after, Decision(
             range_m=range_m,
-            # A running mean of time constant T lags a ramp by T: the difference over a window, not over one sweep.
-            speed_m_s=jnp.where(compared & ~taken_up, (range_m - reference_m) / self.window_s, 0.0),
+            # A running mean that takes in a share s each Δt is Δt/s behind a steady ramp, about window_s: the
+            # difference over a window, not over one sweep.
+            speed_m_s=jnp.where(
+                compared & ~taken_up & (gap > 0),
+                (range_m - state.reference_m) * share / jnp.where(gap > 0, gap, 1.0),
+                0.0,
+            ),
             strength=observation.strength,
             statistic=statistic,
             valid=seen,
@@ -198,7 +214,9 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         offset, height = vertex(profile[left], profile[top], profile[right])
         local_m = centres[top] + offset * (centres[1] - centres[0])
         weak = height < 0.5 * jnp.max(profile)
-        return jnp.where(near, observation.range_m, jnp.where(height > 0, local_m, expected_m)), ~near & weak
+        # What is left around a vanished echo is noise: the range is held until another is taken up.
+        local_m = jnp.where(weak | (jnp.abs(local_m - expected_m) > self.pulse_m), expected_m, local_m)
+        return jnp.where(near, observation.range_m, local_m), ~near & weak
 
     def _bins_per_cell(self, axis: RangeAxis) -> int:
         # At least two cells, or there is nothing to shift.

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from jaxradar._errors import ConfigError
-from jaxradar._toml import check_keys, nearest, read_toml, toml_line
+from jaxradar._toml import check_keys, nearest, read_toml, toml_line, toml_value
 from jaxradar.drive import Mounting
 from jaxradar.systems.step.config import StepDetector
 from jaxradar.systems.step.default import DefaultDetector
@@ -82,6 +82,14 @@ def _parse(path: str, tables: dict[str, Any]) -> DetectorFile:
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
     provenance = _table(path, tables, "provenance")
+    for key, value in provenance.items():
+        try:
+            toml_value(value)
+        except TypeError:
+            raise ConfigError(
+                f"{path}: `{key}` in [provenance] must be a text, a number, true or false, or a list of these; "
+                f"got {value!r}."
+            ) from None
     mounting = None
     if "mounting" in tables:
         given = _table(path, tables, "mounting")

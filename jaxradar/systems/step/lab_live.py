@@ -19,9 +19,10 @@ VALUES_KEPT = 128  # REQ_DATA_NUM of the program
 
 
 class LabLiveState(eqx.Module):
-    """The distance that the program's global variable holds (0: no object), its age, and the last byte sent."""
+    """The distance that the program's global variable holds, whether it is one, its age, and the last byte sent."""
 
     distance_m: Scalar
+    held: Flag
     elapsed_s: Scalar
     near: Flag
 
@@ -75,22 +76,24 @@ class LabLiveDetector(StepDetector[SweepPeak, LabLiveState]):
         return jnp.arange(axis.bins) * (step * axis.bins / VALUES_KEPT)
 
     def init(self, axis: RangeAxis) -> LabLiveState:
-        return LabLiveState(jnp.zeros(()), jnp.zeros(()), jnp.zeros((), bool))
+        no = jnp.zeros((), bool)
+        return LabLiveState(jnp.zeros(()), no, jnp.zeros(()), no)
 
     def track(
         self, state: LabLiveState, observation: SweepPeak, motion: MotionSample | None, dt: Scalar
     ) -> tuple[LabLiveState, Decision]:
         seen = observation.valid & (observation.strength > self.least_counts)
-        distance = jnp.where(seen, observation.range_m, 0.0)
+        distance, held = jnp.where(seen, observation.range_m, 0.0), seen
         if self.as_it_was:
             distance = jnp.where(observation.valid, distance, state.distance_m)
-        near = (distance != 0.0) & (distance < self.nearest_m)
+            held = distance != 0.0
+        near = held & (distance < self.nearest_m)
         elapsed = state.elapsed_s + dt
-        moved = seen & (state.distance_m != 0.0) & (elapsed > 0)
+        moved = seen & state.held & (elapsed > 0)
         speed = jnp.where(moved, (distance - state.distance_m) / jnp.where(moved, elapsed, 1.0), 0.0)
-        held = distance != 0.0
-        nearness = jnp.where(held, 1.0 / jnp.where(held, distance, 1.0), 0.0)
-        after = LabLiveState(distance, jnp.where(seen, 0.0, elapsed), near)
+        # Nothing is nearer than a millimetre: a range of 0 has no inverse.
+        nearness = jnp.where(held, 1.0 / jnp.maximum(distance, 1e-3), 0.0)
+        after = LabLiveState(distance, held, jnp.where(seen, 0.0, elapsed), near)
         return after, Decision(
             range_m=distance,
             speed_m_s=speed,
