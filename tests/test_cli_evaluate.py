@@ -191,7 +191,7 @@ def test_figures_of_logs_of_one_name_do_not_replace_each_other(
         write_log(jumps(50), tmp_path / folder / "log")
     assert run(capsys, tmp_path / "a", tmp_path / "b", "--figures", tmp_path / "f" / "g")[0] == 0
     names = {path.name for path in (tmp_path / "f" / "g").iterdir()}
-    assert names == {f"log-sensor3{more}.png" for more in ("", "-2", "-2-sweeps", "-sweeps")}
+    assert names == {f"{log}-sensor3{more}.png" for log in ("log", "b-log") for more in ("", "-sweeps")}
 
 
 def test_targets_that_cannot_be_written_are_refused_before_any_work(
