@@ -7,11 +7,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Shaped
+from jaxtyping import Array, Bool, Float, Shaped
 
-from jaxradar._types import Index, RawSweep, Scalar, Sweep
+from jaxradar._types import Index, RawSweep, Scalar, Setting, Sweep
 
-__all__ = ["as_scalar", "finite", "first_argmax", "safe_divide", "safe_sqrt"]
+__all__ = ["as_scalar", "finite", "first_argmax", "masked_moments", "safe_divide", "safe_sqrt", "soft_exceeds"]
 
 
 def as_scalar(value: Any) -> Any:
@@ -58,3 +58,33 @@ def safe_sqrt(value: Scalar) -> Scalar:
     """Square root, with value and gradient 0 where `value` <= 0."""
     positive = value > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, value, 1.0)), 0.0)
+
+
+def masked_moments(
+    values: Float[Array | np.ndarray, " bins"], mask: Bool[Array | np.ndarray, " bins"]
+) -> tuple[Scalar, Scalar]:
+    """Mean and variance (of the values themselves, not of a population they come from) where `mask` is true.
+
+    Two passes: the mean of squares less the square of the mean errs by 14 % in float32 on the thesis's table A.3, a
+    standard deviation of 0.5 mm at 0.6 m. Both are 0 where nothing is left.
+    """
+    values = jnp.asarray(values)
+    count = jnp.sum(mask).astype(values.dtype)
+    mean = safe_divide(jnp.sum(jnp.where(mask, values, 0.0)), count)
+    # Masked before it is squared: what is masked out may be infinite.
+    deviation = jnp.where(mask, jnp.where(mask, values, mean) - mean, 0.0)
+    # The mean's own rounding, taken out of the variance to first order (Chan, Golub, LeVeque, Am. Stat. 37, 1983).
+    rest = safe_divide(jnp.sum(deviation), count)
+    return mean + rest, safe_divide(jnp.sum(deviation * deviation), count) - rest * rest
+
+
+def soft_exceeds(
+    value: Float[Array | np.ndarray, "*shape"], threshold: Setting, temperature: Setting
+) -> Float[Array, "*shape"]:
+    """`value > threshold` as a number between 0 and 1 that gradients flow through: σ((value − threshold)/temperature).
+
+    Tends to the hard decision as `temperature`, in the unit of `value`, falls to 0; ½ at equality.
+    """
+    dtype = jnp.result_type(value)
+    margin = (jnp.asarray(value) - jnp.asarray(threshold, dtype)) / jnp.asarray(temperature, dtype)
+    return jax.nn.sigmoid(margin)

@@ -19,6 +19,7 @@ from jaxradar.systems.step import (
     RangeAxis,
     ThesisDetector,
     detect,
+    event_weights,
     precision,
     run,
     run_batch,
@@ -246,3 +247,16 @@ def test_hard_cases_by_gradient(name: str, case: str, precision: str) -> None:
 def test_thin_refuses_more_bins_than_there_are() -> None:
     with pytest.raises(Exception, match="cannot thin 128 range bins to 129; expected a number from 2 to 128"):
         thin(over_a_step(), 129)
+
+
+def test_soft_events_tend_to_the_hard_threshold_and_carry_its_gradient() -> None:
+    log, detector = over_a_step(), DefaultDetector()
+    decisions = jax.jit(run)(detector, AXIS, log.sweeps, log.flags, time_steps(log.times_ns))
+    hard = np.asarray(decisions.statistic) > float(detector.evidence)
+    assert hard.any()
+    np.testing.assert_allclose(event_weights(detector, decisions, 1e-5), hard, atol=1e-6)
+
+    def total(evidence):
+        return event_weights(DefaultDetector(evidence=evidence), decisions, 0.05).sum()
+
+    assert float(jax.grad(total)(jnp.asarray(0.16))) < -1.0  # a lower threshold, more detections

@@ -5,7 +5,7 @@ from __future__ import annotations
 import equinox as eqx
 import jax.numpy as jnp
 
-from jaxradar._numerics import safe_divide, safe_sqrt
+from jaxradar._numerics import masked_moments, safe_divide, safe_sqrt
 from jaxradar._types import Counts, Scalar
 
 __all__ = ["NoiseFloor", "noise_floor"]
@@ -30,7 +30,7 @@ def noise_floor(cells: Counts) -> NoiseFloor:
     cells = jnp.asarray(cells)
     # Of equal cells, the mean may be rounded to below them all.
     quiet = cells <= jnp.maximum(jnp.mean(cells), jnp.min(cells))
-    level = safe_divide(jnp.sum(jnp.where(quiet, cells, 0.0)), jnp.sum(quiet).astype(cells.dtype))
+    level, _ = masked_moments(cells, quiet)
     pairs = quiet[1:] & quiet[:-1]
     steps = jnp.where(pairs, cells[1:] - cells[:-1], 0.0)
     variance = 0.5 * safe_divide(jnp.sum(steps * steps), jnp.sum(pairs).astype(cells.dtype))

@@ -5,7 +5,7 @@ from jaxradar.systems.step.default import DefaultDetector
 from jaxradar.systems.step.files import DETECTORS, DetectorFile, dump_detector, load_detector
 from jaxradar.systems.step.lab_live import LabLiveDetector
 from jaxradar.systems.step.result import StepEvent, StepTrace
-from jaxradar.systems.step.run import detect, precision, run, run_batch, thin, time_steps
+from jaxradar.systems.step.run import detect, event_weights, precision, run, run_batch, thin, time_steps
 from jaxradar.systems.step.thesis import ThesisDetector
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "ThesisDetector",
     "detect",
     "dump_detector",
+    "event_weights",
     "load_detector",
     "precision",
     "run",

@@ -13,11 +13,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Shaped, UInt
 
 from jaxradar._errors import ConfigError
+from jaxradar._numerics import soft_exceeds
+from jaxradar._types import Setting
 from jaxradar.drive import NANOSECONDS, Motion, SensorSeries, SweepFlag
 from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
 from jaxradar.systems.step.result import StepEvent, StepTrace
 
-__all__ = ["detect", "precision", "run", "run_batch", "thin", "time_steps"]
+__all__ = ["detect", "event_weights", "precision", "run", "run_batch", "thin", "time_steps"]
 
 
 def time_steps(times_ns: Int[np.ndarray, " sweeps"]) -> Float[np.ndarray, " sweeps"]:
@@ -63,6 +65,18 @@ def run_batch(
     beyond = jnp.arange(sweeps.shape[1]) >= jnp.asarray(lengths)[:, None]
     flags = jnp.where(beyond, flags | np.uint16(SweepFlag.NO_AMPLITUDES), flags).astype(jnp.uint16)
     return jax.vmap(partial(run, detector, axis))(sweeps, flags, dt)
+
+
+def event_weights(
+    detector: StepDetector[Any, Any], decisions: Decision, temperature: Setting
+) -> Float[Array, "*batch sweeps"]:
+    """How far each sweep is a detection, between 0 and 1, for what needs a gradient with respect to the threshold.
+
+    `decisions` as from `run` or `run_batch`, `temperature` in the unit of the statistic. As it falls to 0 this tends to
+    statistic > threshold; what a detector asks for beyond that (hysteresis, refractory time) is not in it.
+    """
+    soft = soft_exceeds(decisions.statistic, detector.threshold, temperature)
+    return jnp.where(decisions.valid, soft, 0.0)
 
 
 _run = jax.jit(run)

@@ -1,0 +1,95 @@
+"""Guarded arithmetic at the values that it guards against."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jaxradar._numerics import as_scalar, finite, first_argmax, masked_moments, safe_divide, safe_sqrt, soft_exceeds
+
+MOMENTS = jax.jit(masked_moments)
+
+
+def test_variance_near_a_large_mean(precision: str) -> None:
+    """The radar of table A.3: 8640 samples near 0.599 m with a standard deviation of 0.4935 mm (hard case 12)."""
+    samples = 0.59935253 + 0.0004935 * np.random.default_rng(0).standard_normal(8640)
+    given_to_it = samples.astype(precision)
+    wanted = np.var(given_to_it.astype(np.float64))
+    mean, variance = MOMENTS(jnp.asarray(given_to_it), np.ones(8640, bool))
+    assert float(variance) == pytest.approx(wanted, rel=1e-5)
+    assert float(mean) == pytest.approx(np.mean(given_to_it.astype(np.float64)), rel=1e-7)
+    if precision == "float32":  # and the short way is as wrong as the docstring says
+        short = np.mean(given_to_it**2, dtype=np.float32) - np.mean(given_to_it, dtype=np.float32) ** 2
+        assert abs(short / wanted - 1) > 0.02
+
+
+@pytest.mark.parametrize("worst", [np.nan, np.inf, 1e30])
+def test_what_is_masked_out_touches_neither_value_nor_gradient(worst: float, precision: str) -> None:
+    values = jnp.asarray([1.0, worst, 2.0, 4.0])
+    mask = np.array([True, False, True, True])
+    mean, variance = MOMENTS(values, mask)
+    np.testing.assert_allclose([mean, variance], [7 / 3, np.var([1, 2, 4])], rtol=1e-6)
+    gradient = jax.grad(lambda x: sum(masked_moments(x, mask)))(values)
+    np.testing.assert_allclose(gradient, [1 / 3 - 8 / 9, 0, 1 / 3 - 2 / 9, 1 / 3 + 10 / 9], atol=1e-6)
+
+
+def test_nothing_left_is_zero_with_gradient_zero(precision: str) -> None:
+    values, mask = jnp.arange(4.0), np.zeros(4, bool)
+    assert [float(one) for one in MOMENTS(values, mask)] == [0, 0]
+    assert (jax.grad(lambda x: sum(masked_moments(x, mask)))(values) == 0).all()
+
+
+def test_soft_threshold_tends_to_the_hard_one(precision: str) -> None:
+    """Hard case 21; equality is ½ whatever the temperature, and no detection in the limit from below."""
+    values = np.array([-5.0, 0.5, 0.699, 0.7, 0.701, 0.9, 1e30])
+    for temperature, slack in ((0.1, 0.5), (1e-3, 0.27), (1e-5, 1e-6)):
+        soft = np.asarray(soft_exceeds(values, 0.7, temperature))
+        assert np.abs(np.delete(soft, 3) - (np.delete(values, 3) > 0.7)).max() <= slack
+        assert soft[3] == pytest.approx(0.5)
+        assert (np.diff(soft) >= 0).all()
+
+
+@pytest.mark.parametrize("temperature", [1.0, 1e-6, 1e-30])
+def test_soft_threshold_has_a_finite_gradient(temperature: float, precision: str) -> None:
+    values = jnp.asarray([-1e30, 0.0, 0.7, 1.0, 1e30])
+    gradients = jax.grad(lambda v, t: soft_exceeds(v, t, temperature).sum(), argnums=(0, 1))(values, jnp.asarray(0.7))
+    assert all(np.isfinite(one).all() for one in gradients)
+
+
+def test_gradient_of_the_soft_threshold_is_its_slope() -> None:
+    with jax.enable_x64(True):
+        slope = jax.grad(lambda t: soft_exceeds(jnp.asarray(0.75), t, 0.1))(jnp.asarray(0.7))
+        wanted = (
+            soft_exceeds(jnp.asarray(0.75), 0.7 + 1e-6, 0.1) - soft_exceeds(jnp.asarray(0.75), 0.7 - 1e-6, 0.1)
+        ) / 2e-6
+        assert float(slope) == pytest.approx(float(wanted), rel=1e-6)
+
+
+def test_guards_at_zero(precision: str) -> None:
+    value, gradient = jax.value_and_grad(lambda x: safe_divide(jnp.asarray(3.0), x, otherwise=7.0))(jnp.asarray(0.0))
+    assert (float(value), float(gradient)) == (7, 0)
+    for at in (0.0, -1.0):
+        value, gradient = jax.value_and_grad(safe_sqrt)(jnp.asarray(at))
+        assert (float(value), float(gradient)) == (0, 0)
+    assert float(jax.grad(safe_sqrt)(jnp.asarray(4.0))) == pytest.approx(0.25)
+
+
+def test_finite_leaves_out_what_is_not(precision: str) -> None:
+    assert finite(np.array([1.0, np.nan, np.inf, -np.inf, 2.0])).tolist() == [1, 0, 0, 0, 2]
+    assert finite(np.array([3, 65535], np.uint16)).dtype == precision
+
+
+@settings(deadline=None, max_examples=50, derandomize=True)
+@given(st.lists(st.integers(0, 3), min_size=8, max_size=8))
+def test_first_argmax_is_numpy_s(values: list[int]) -> None:
+    assert int(first_argmax(np.array(values, np.int32))) == int(np.argmax(values))
+
+
+def test_settings_are_strong_leaves() -> None:
+    assert as_scalar(0.7).dtype == np.float64
+    assert jnp.asarray(0.7).weak_type
+    assert not as_scalar(jnp.asarray(0.7)).weak_type
