@@ -7,6 +7,8 @@ amplitude above 0 gives `found = False` and position 0, with gradient 0.
 
 from __future__ import annotations
 
+import abc
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -51,9 +53,9 @@ class PeakEstimator(eqx.Module):
         inside = self.locate(jnp.where(found, window, jnp.zeros_like(window)))
         return Peak(jnp.where(found, start + inside, 0.0), amplitude, found)
 
+    @abc.abstractmethod
     def locate(self, window: Sweep) -> Scalar:
         """Position in bins from the start of `window`, which holds finite values only."""
-        raise NotImplementedError
 
 
 def vertex(left: Scalar, middle: Scalar, right: Scalar) -> tuple[Scalar, Scalar]:

@@ -7,6 +7,7 @@ the only thing that remembers and is scanned over time. Batches, tuning and the 
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -98,23 +99,23 @@ class StepDetector(eqx.Module, Generic[Observed, State]):
     float64: ClassVar[bool] = False
 
     @property
+    @abc.abstractmethod
     def threshold(self) -> Setting:
         """What the statistic is compared with."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> Observed:
         """Look at one sweep: (bins,) counts and its `SweepFlag`s. Pure; vmapped over sweeps and logs."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def init(self, axis: RangeAxis) -> State:
         """The state before the first sweep."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def track(
         self, state: State, observation: Observed, motion: MotionSample | None, dt: Scalar
     ) -> tuple[State, Decision]:
         """Decide on one sweep. `dt`: seconds since the sweep before, valid or not, differenced on the host."""
-        raise NotImplementedError
 
     def __check_init__(self) -> None:
         for field in dataclasses.fields(self):
