@@ -19,6 +19,7 @@ __all__ = ["Channel", "Drive", "Motion", "Mounting", "RoadStep", "SensorSeries",
 
 NANOSECONDS = 1_000_000_000
 _MOST_SECONDS = 1e10  # int64 nanoseconds end at 9.2e9 s
+FULL_SCALE = 65535  # of the sensor's uint16 counts: an amplitude there is saturated
 SWEEP_DTYPES = (np.dtype(np.uint16), np.dtype(np.float32), np.dtype(np.float64))
 
 

@@ -20,7 +20,7 @@ import h5py  # type: ignore[import-untyped]
 import numpy as np
 
 from jaxradar._errors import LogError
-from jaxradar.drive import NANOSECONDS, Drive, SensorSeries, SweepFlag
+from jaxradar.drive import FULL_SCALE, NANOSECONDS, Drive, SensorSeries, SweepFlag
 from jaxradar.logs.clock import odd_times
 from jaxradar.logs.hdf5_text import heap_text
 from jaxradar.logs.truth import read_truth, truth_path
@@ -30,7 +30,6 @@ __all__ = ["read_acconeer_h5"]
 # Deflate packs zeros 1032 times; more than that no file of this size can hold.
 _MOST_PACKED = 1040
 _MOST_BYTES = 4 << 30
-_FULL_SCALE = 65535
 _FLAGS = {
     "missed_data": SweepFlag.MISSED_DATA,
     "data_saturated": SweepFlag.SATURATED,
@@ -85,7 +84,7 @@ class _Recording:
         for column, number in sorted(enumerate(numbers), key=lambda item: item[1]):
             sweeps = np.ascontiguousarray(data[:, column])
             own = flags[:, column].copy()
-            own[(sweeps == _FULL_SCALE).any(axis=1)] |= np.uint16(SweepFlag.SATURATED)
+            own[(sweeps == FULL_SCALE).any(axis=1)] |= np.uint16(SweepFlag.SATURATED)
             sensors.append(SensorSeries(number, times_ns, sweeps, range_m, own, spec))
         truth, mounting = read_truth(truth_path(self.path))
         problems = odd_times(times_ns, "sample_times")

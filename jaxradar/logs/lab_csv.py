@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxradar._errors import LogError
-from jaxradar.drive import NANOSECONDS, Channel, Drive, Motion, SensorSeries, SweepFlag
+from jaxradar.drive import FULL_SCALE, NANOSECONDS, Channel, Drive, Motion, SensorSeries, SweepFlag
 from jaxradar.logs.clock import odd_times, unwrap_counter
 from jaxradar.logs.table import NUMBER, Table, is_cut, read_bytes, read_table, shown
 from jaxradar.logs.truth import read_truth, truth_path
@@ -39,7 +39,6 @@ MOTION_COLUMNS = ("acceleration_m_s2", "yaw_rate_rad_s", "speed_m_s")
 MOTION_FILES = ("acc.csv", "gyro.csv")  # the loader's name, the program's name
 _SENSOR_NAME = re.compile(r"[0-9]{1,9}")
 SERIAL_TIME_OUT = -129.0  # `serialGetchar() - 128` where nothing came: -1 - 128
-_FULL_SCALE = 65535
 
 
 def sensor_files(folder: Path) -> list[Path]:
@@ -138,8 +137,8 @@ def _read_radar(path: Path) -> tuple[SensorSeries, list[str]]:
         problems.append(f"{path.name}: holds no sweep{'.' if ended else '; its first line has no end.'}")
     sweeps = _amplitudes(path, data, start, table)
     flags = np.where(table.alone, np.uint16(SweepFlag.NO_AMPLITUDES), np.uint16(0))
-    if sweeps.size and sweeps.max() >= _FULL_SCALE:
-        flags[(sweeps == _FULL_SCALE).any(axis=1)] |= np.uint16(SweepFlag.SATURATED)
+    if sweeps.size and sweeps.max() >= FULL_SCALE:
+        flags[(sweeps == FULL_SCALE).any(axis=1)] |= np.uint16(SweepFlag.SATURATED)
     return SensorSeries(sensor_number(path), times_ns, sweeps, range_m, flags), problems
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxradar._errors import LogError
-from jaxradar.drive import NANOSECONDS, Drive, SensorSeries, SweepFlag
+from jaxradar.drive import FULL_SCALE, NANOSECONDS, Drive, SensorSeries, SweepFlag
 from jaxradar.drivefile import staged
 from jaxradar.logs.lab_csv import (
     MOTION_COLUMNS,
@@ -94,7 +94,7 @@ def _radar_files(drive: Drive, path: Path) -> tuple[dict[str, str], list[str]]:
 def _lost_in_radar(series: SensorSeries) -> list[str]:
     lost = []
     silent = (series.flags & SweepFlag.NO_AMPLITUDES) != 0
-    saturated = np.zeros(len(series), bool) if not series.sweeps.size else (series.sweeps == 65535).any(axis=1)
+    saturated = np.zeros(len(series), bool) if not series.sweeps.size else (series.sweeps == FULL_SCALE).any(axis=1)
     wanted = np.where(silent, SweepFlag.NO_AMPLITUDES, 0) | np.where(saturated & ~silent, SweepFlag.SATURATED, 0)
     if (differs := series.flags != wanted).any():
         lost.append(f"Sensor {series.sensor}: flags of {int(differs.sum())} sweeps were left out.")

@@ -11,7 +11,6 @@ left out but `impact_s`. `"steps": []` says that there was no step; without `ste
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 from dataclasses import asdict, fields
@@ -19,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxradar._errors import LogError
+from jaxradar._toml import nearest
 from jaxradar.drive import Drive, Mounting, RoadStep, Truth
 
 __all__ = ["read_truth", "truth_path", "truth_text"]
@@ -86,9 +86,8 @@ def _check_keys(path: Path, place: str, found: Any, known: tuple[str, ...]) -> N
         raise LogError(path, f"{place} must be an object with {', '.join(known)}; got {found!r:.60}.")
     for key in found:
         if key not in known:
-            near = difflib.get_close_matches(key, known, 1)
-            hint = f"did you mean `{near[0]}`?" if near else f"known are {', '.join(known)}."
-            raise LogError(path, f"{place} has the unknown key {key!r:.60}; {hint}")
+            hint = nearest(key, known)
+            raise LogError(path, f"{place} has the unknown key {key!r:.60}{hint}; known are {', '.join(known)}.")
 
 
 def _number(path: Path, place: str, found: dict[str, Any], name: str) -> float | None:

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxradar.drive import NANOSECONDS, Channel, Drive, Motion, Mounting, RoadStep, SensorSeries, Truth
+from jaxradar.drive import FULL_SCALE, NANOSECONDS, Channel, Drive, Motion, Mounting, RoadStep, SensorSeries, Truth
 
 __all__ = ["DemoScene", "demo_drive"]
 
@@ -108,7 +108,7 @@ def demo_drive(seed: int = 0, scene: DemoScene | None = None) -> Drive:
     pulse = np.exp(-4 * math.log(2) * ((range_m - echo_m[:, None]) / _PULSE_FWHM_M) ** 2)
     noise = receiver.normal(0, _NOISE_COUNTS, (2, *pulse.shape))
     envelope = np.hypot(_amplitude(scene, times_s, fade)[:, None] * pulse + noise[0], noise[1])
-    counts = np.clip(np.rint(envelope / _COUNTS_STEP) * _COUNTS_STEP, 0, 65535)
+    counts = np.clip(np.rint(envelope / _COUNTS_STEP) * _COUNTS_STEP, 0, FULL_SCALE)
 
     samples_s = np.rint(np.arange(0, scene.duration_s, 1 / scene.rate_hz) * 1e3) / 1e3
     measured = np.rint(np.interp(samples_s, fine_s, acceleration) + shaker.normal(0, 0.7, samples_s.shape))

@@ -4,8 +4,8 @@ from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, Step
 from jaxradar.systems.step.default import DefaultDetector
 from jaxradar.systems.step.files import DETECTORS, DetectorFile, dump_detector, load_detector
 from jaxradar.systems.step.lab_live import LabLiveDetector
+from jaxradar.systems.step.pipeline import detect, event_weights, precision, run, run_batch, thin, time_steps
 from jaxradar.systems.step.result import StepEvent, StepTrace
-from jaxradar.systems.step.run import detect, event_weights, precision, run, run_batch, thin, time_steps
 from jaxradar.systems.step.thesis import ThesisDetector
 
 __all__ = [

@@ -13,12 +13,23 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxradar._numerics import as_scalar
 from jaxradar._types import Flag, Flags, RangeBins, RawSweep, Scalar, Setting
+from jaxradar.drive import SweepFlag
 
-__all__ = ["Decision", "MotionSample", "RangeAxis", "StepDetector", "setting", "shape_setting"]
+__all__ = [
+    "Decision",
+    "MotionSample",
+    "RangeAxis",
+    "StepDetector",
+    "is_saturated",
+    "setting",
+    "shape_setting",
+    "usable",
+]
 
 
 def setting(default: float, low: float, high: float, unit: str, doc: str) -> Any:
@@ -31,6 +42,16 @@ def setting(default: float, low: float, high: float, unit: str, doc: str) -> Any
 def shape_setting(default: Any, low: float, high: float, unit: str, doc: str) -> Any:
     """A value that sets a shape or a branch of the program: static, changing it recompiles."""
     return eqx.field(default=default, static=True, metadata={"low": low, "high": high, "unit": unit, "doc": doc})
+
+
+def usable(flags: Flags) -> Flag:
+    """Whether neither the sensor nor the reader says that this sweep holds no data."""
+    return (flags & int(SweepFlag.INVALID)) == 0
+
+
+def is_saturated(flags: Flags) -> Flag:
+    """Whether the sensor or the reader says that this sweep reached full scale."""
+    return (flags & int(SweepFlag.SATURATED)) != 0
 
 
 class RangeAxis(eqx.Module):
@@ -51,8 +72,8 @@ class RangeAxis(eqx.Module):
 
     def at(self, position: Scalar) -> Scalar:
         """Slant range in metres at a position in bins, which may have a fraction."""
-        whole = jax.numpy.clip(jax.numpy.floor(position).astype(jax.numpy.int32), 0, self.bins - 2)
-        axis = jax.numpy.asarray(self.range_m)
+        whole = jnp.clip(jnp.floor(position).astype(jnp.int32), 0, self.bins - 2)
+        axis = jnp.asarray(self.range_m)
         return axis[whole] + (position - whole) * (axis[whole + 1] - axis[whole])
 
 

@@ -9,17 +9,24 @@ import jax.numpy as jnp
 
 from jaxradar._numerics import finite, first_argmax
 from jaxradar._types import Counts, Flag, Flags, RawSweep, Scalar, Setting
-from jaxradar.drive import SweepFlag
+from jaxradar.drive import FULL_SCALE
 from jaxradar.signal.clutter import noise_floor
 from jaxradar.signal.correlate import profile_shift
 from jaxradar.signal.peaks import ArgMax, SoftArgmax, vertex
-from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector, setting, shape_setting
-from jaxradar.systems.step.thesis import usable
+from jaxradar.systems.step.config import (
+    Decision,
+    MotionSample,
+    RangeAxis,
+    StepDetector,
+    is_saturated,
+    setting,
+    shape_setting,
+    usable,
+)
 
 __all__ = ["DefaultDetector", "DefaultState", "ProfileObservation"]
 
 
-FULL_SCALE = 65535.0  # of the sensor's uint16 counts
 LONGEST_SILENCE = 5.0  # refractory times after which a detector speaks again whatever the evidence does
 
 
@@ -126,7 +133,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
             & (strength > 0)
             & (strength > self.over_floor * floor.level)
             & (strength > self.over_scatter * floor.scatter),
-            saturated=(flags & int(SweepFlag.SATURATED)) != 0,
+            saturated=is_saturated(flags),
             reach=max(1, min(round(self.reach_m / (per_cell * axis.bin_m)), count - 1)),
         )
 

@@ -9,9 +9,18 @@ import jax.numpy as jnp
 
 from jaxradar._numerics import finite, first_argmax
 from jaxradar._types import Flag, Flags, RawSweep, Scalar, Setting, Sweep
-from jaxradar.drive import SweepFlag
-from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector, setting, shape_setting
-from jaxradar.systems.step.thesis import SweepPeak, usable
+from jaxradar.drive import FULL_SCALE
+from jaxradar.systems.step.config import (
+    Decision,
+    MotionSample,
+    RangeAxis,
+    StepDetector,
+    is_saturated,
+    setting,
+    shape_setting,
+    usable,
+)
+from jaxradar.systems.step.thesis import SweepPeak
 
 __all__ = ["LabLiveDetector", "LabLiveState"]
 
@@ -60,13 +69,13 @@ class LabLiveDetector(StepDetector[SweepPeak, LabLiveState]):
         if self.correct_loss:
             # The program writes the product back into its uint16 array; what C leaves undefined there is clipped.
             offset = metres if self.as_it_was else axis.range_m - axis.range_m[0]
-            amplitudes = jnp.clip(jnp.floor(amplitudes + 0.5 * amplitudes * offset), 0.0, 65535.0)
+            amplitudes = jnp.clip(jnp.floor(amplitudes + 0.5 * amplitudes * offset), 0.0, FULL_SCALE)
         peak = first_argmax(amplitudes)
         return SweepPeak(
             range_m=metres[peak],
             strength=amplitudes[peak],
             valid=usable(flags),
-            saturated=(flags & int(SweepFlag.SATURATED)) != 0,
+            saturated=is_saturated(flags),
         )
 
     def _metres(self, axis: RangeAxis) -> Sweep:

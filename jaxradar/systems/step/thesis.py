@@ -9,10 +9,9 @@ import jax.numpy as jnp
 
 from jaxradar._numerics import finite, first_argmax
 from jaxradar._types import Flag, Flags, RawSweep, Scalar, Setting
-from jaxradar.drive import SweepFlag
-from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector, setting
+from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector, is_saturated, setting, usable
 
-__all__ = ["SweepPeak", "ThesisDetector", "ThesisState", "usable"]
+__all__ = ["SweepPeak", "ThesisDetector", "ThesisState"]
 
 
 class SweepPeak(eqx.Module):
@@ -30,11 +29,6 @@ class ThesisState(eqx.Module):
     range_m: Scalar
     elapsed_s: Scalar
     seen: Flag
-
-
-def usable(flags: Flags) -> Flag:
-    """Whether neither the sensor nor the reader says that this sweep holds no data."""
-    return (flags & int(SweepFlag.INVALID)) == 0
 
 
 class ThesisDetector(StepDetector[SweepPeak, ThesisState]):
@@ -68,7 +62,7 @@ class ThesisDetector(StepDetector[SweepPeak, ThesisState]):
             range_m=jnp.asarray(axis.range_m)[peak],
             strength=amplitudes[peak],
             valid=usable(flags) & (amplitudes[peak] > 0),
-            saturated=(flags & int(SweepFlag.SATURATED)) != 0,
+            saturated=is_saturated(flags),
         )
 
     def init(self, axis: RangeAxis) -> ThesisState:
