@@ -1,0 +1,1 @@
+"""What others would write for the same pipeline: each module's `candidates(batch)`, by name and estimator."""

@@ -1,0 +1,141 @@
+"""What is measured: jaxradar's detectors behind one small adapter, so that a change there is one line here."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from data import TEMPERATURE, THRESHOLD_M_S, Batch, Outputs, UnavailableError
+
+from jaxradar.drive import SensorSeries
+from jaxradar.systems import step
+
+__all__ = ["GRADIENTS", "ROWS", "build", "check_default", "gradient", "loss", "place", "runner", "temp_bytes"]
+
+FIELDS = ("range_m", "speed_m_s", "event")
+# The rows of the report, and which of NumPy's estimators each does the work of.
+ROWS: Mapping[str, str | None] = {
+    "thesis": "argmax",
+    "argmax": "argmax",
+    "parabola": "parabola",
+    "window": "window",
+    "soft": "soft",
+    "default": None,
+}
+GRADIENTS = ("window", "soft")
+HALF_WIDTH = 4  # of the window of nine
+_SETTINGS: Mapping[str, Mapping[str, Any]] = {
+    "argmax": {"peak": "argmax"},
+    "parabola": {"peak": "parabola"},
+    "window": {"peak": "soft-argmax", "half_width": HALF_WIDTH},
+    "soft": {"peak": "soft-argmax", "half_width": None},
+}
+Arrays = tuple[Any, Any, Any, Any]
+
+
+def build(row: str, **tuned: Any) -> Any:
+    """The detector of a row. Raises `UnavailableError` where this version of jaxradar has no such thing."""
+    if row == "thesis":
+        return step.ThesisDetector()
+    if row == "default":
+        return step.DefaultDetector()
+    if not hasattr(step, "RangeRateDetector"):
+        raise UnavailableError("this version of jaxradar has no `RangeRateDetector`.")
+    return step.RangeRateDetector(**_SETTINGS[row], **tuned)
+
+
+def place(detector: Any, batch: Batch, device: Any = None) -> Arrays:
+    """Sweeps, flags, dt, lengths: NumPy's arrays as they are, or put on `device`."""
+    arrays = (batch.sweeps, batch.flags, batch.dt if detector.float64 else batch.dt32, batch.lengths)
+    if device is None:
+        return arrays
+    with step.precision(detector):
+        placed: Arrays = jax.block_until_ready(jax.device_put(arrays, device))
+    return placed
+
+
+@functools.partial(jax.jit, static_argnames="fields")
+def _mapped(detector: Any, axis: Any, *arrays: Any, fields: tuple[str, ...]) -> dict[str, Any]:
+    decisions = step.run_batch(detector, axis, *arrays)
+    return {field: getattr(decisions, field) for field in fields}
+
+
+def _batched() -> Any:
+    return getattr(step, "detect_batch", _mapped)
+
+
+def runner(detector: Any, batch: Batch, arrays: Arrays) -> Callable[[], Outputs]:
+    """A call that ends when its result is there."""
+    axis, call = step.RangeAxis.of(batch.range_m), _batched()
+
+    def run() -> Outputs:
+        with step.precision(detector):
+            found = call(detector, axis, *arrays, fields=FIELDS)
+            values = found if isinstance(found, Mapping) else {field: getattr(found, field) for field in FIELDS}
+            return Outputs(*jax.block_until_ready([values[field] for field in FIELDS]))
+
+    return run
+
+
+def temp_bytes(detector: Any, batch: Batch) -> int | None:
+    """What the compiled program sets aside beside its inputs and outputs, if the compiler says so."""
+    call = _batched()
+    if not hasattr(call, "lower"):
+        return None
+    with step.precision(detector):
+        lowered = call.lower(
+            detector, step.RangeAxis.of(batch.range_m), *place(detector, batch), fields=FIELDS
+        ).compile()
+    analysis = lowered.memory_analysis()
+    return None if analysis is None else int(analysis.temp_size_in_bytes)
+
+
+def check_default(detector: Any, batch: Batch, found: Outputs, logs: int) -> str:
+    """Empty if a batch's first logs are decided as `jaxradar.detect` decides them one by one, else what differs."""
+    for log in range(min(logs, batch.logs)):
+        series = SensorSeries(0, batch.times_ns[log], batch.sweeps[log], batch.range_m, batch.flags[log])
+        trace = step.detect(detector, series)
+        events = np.zeros(len(series), bool)
+        events[[event.sweep for event in trace.events]] = True
+        if not np.array_equal(np.asarray(found.event[log]), events):
+            return f"events of log {log} are not those of `detect`"
+        off = np.abs(np.asarray(found.distance[log]) - trace.range_m)[trace.valid]
+        # What is summed in another order may tip one sweep over an edge; the track comes back to it.
+        if np.mean(off > 1e-4) > 1e-3:
+            return f"ranges of log {log} are not those of `detect`, by up to {off.max():.2g} m"
+    return ""
+
+
+def loss(row: str, batch: Batch, target: Any, soft_m_s: float = 0.05) -> Callable[..., Any]:
+    """Of three parameters (exponent, temperature, threshold): event weights that should be like `target`, little speed.
+
+    `soft_m_s`: over how much speed a soft event rises from 0 to 1.
+    """
+    axis = step.RangeAxis.of(batch.range_m)
+
+    def value(parameters: Any, sweeps: Any, flags: Any, dt: Any, lengths: Any) -> Any:
+        exponent, temperature, threshold = parameters
+        detector = build(row, exponent=exponent, temperature=temperature, threshold_m_s=threshold)
+        decisions = step.run_batch(detector, axis, sweeps, flags, dt, lengths)
+        weights = step.event_weights(detector, decisions, soft_m_s)
+        return jnp.mean(weights * target) + 1e-3 * jnp.mean(jnp.abs(decisions.speed_m_s))
+
+    return value
+
+
+def gradient(row: str, batch: Batch, seed: int = 0) -> tuple[Callable[[], Any], Callable[[Any], float]]:
+    """A call that gives value and gradient at the usual settings, and one that gives the value at any.
+
+    In the precision that is set when this is called.
+    """
+    dtype = jnp.result_type(float)
+    target = np.random.default_rng(seed).uniform(-1.0, 1.0, batch.flags.shape).astype(dtype)
+    arrays = (batch.sweeps, batch.flags, batch.dt if dtype == np.float64 else batch.dt32, batch.lengths)
+    function = loss(row, batch, target)
+    both, alone = jax.jit(jax.value_and_grad(function)), jax.jit(function)
+    usual = jnp.asarray([2.0, TEMPERATURE, THRESHOLD_M_S], dtype)
+    return lambda: jax.block_until_ready(both(usual, *arrays)), lambda parameters: float(alone(parameters, *arrays))
