@@ -36,7 +36,7 @@ def memory(rows: list[str], logs: int) -> dict[str, Any]:
 
     batch, answer = make_batch(logs), {}
     for row in rows:
-        detector = subject.build(row)
+        detector = subject.build(row, batch.range_m)
         peak = growth_bytes(subject.runner(detector, batch, subject.place(detector, batch)))
         answer[row] = {"peak": peak, "temp": subject.temp_bytes(detector, batch), "input": batch.sweeps.nbytes}
     return answer
@@ -74,7 +74,7 @@ def compiling(rows: list[str], gradients: list[str], logs: int) -> dict[str, Any
     jax.block_until_ready(jax.jit(lambda x: x + 1)(batch.dt32))  # the backend starts here and not in the first row
     calls: dict[str, Callable[[], Any]] = {"yardstick": lambda: jax.block_until_ready(jax.jit(_yardstick)(batch.dt32))}
     for row in rows:
-        detector = subject.build(row)
+        detector = subject.build(row, batch.range_m)
         calls[row] = subject.runner(detector, batch, subject.place(detector, batch))
     for row in gradients:
         calls[f"gradient, {row}"] = subject.gradient(row, batch)[0]

@@ -124,6 +124,8 @@ def _table(columns: Sequence[str], rows: Sequence[Sequence[str]], words: int) ->
 
 
 def _wrapped(note: str) -> list[str]:
+    if len(note) <= COLUMNS:
+        return [note]
     lines, line = [], ""
     for word in note.split():
         if line and len(line) + 1 + len(word) > COLUMNS:

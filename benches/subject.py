@@ -27,25 +27,31 @@ ROWS: Mapping[str, str | None] = {
     "default": None,
 }
 GRADIENTS = ("window", "soft")
-HALF_WIDTH = 4  # of the window of nine
-_SETTINGS: Mapping[str, Mapping[str, Any]] = {
-    "argmax": {"peak": "argmax"},
-    "parabola": {"peak": "parabola"},
-    "window": {"peak": "soft-argmax", "half_width": HALF_WIDTH},
-    "soft": {"peak": "soft-argmax", "half_width": None},
+# How each is called in `RangeRateDetector`, and how many bins it looks at to either side of the selected one.
+_PEAKS: Mapping[str, tuple[str, int]] = {
+    "argmax": ("arg-max", 0),
+    "parabola": ("parabola", 1),
+    "window": ("soft-argmax", 4),
+    "soft": ("soft-argmax over all bins", 0),
 }
 Arrays = tuple[Any, Any, Any, Any]
 
 
-def build(row: str, **tuned: Any) -> Any:
-    """The detector of a row. Raises `UnavailableError` where this version of jaxradar has no such thing."""
+def build(row: str, range_m: np.ndarray, **tuned: Any) -> Any:
+    """The detector of a row for a range axis, in whose bins its window is counted.
+
+    Raises `UnavailableError` where this version of jaxradar has no such thing.
+    """
     if row == "thesis":
         return step.ThesisDetector()
     if row == "default":
         return step.DefaultDetector()
     if not hasattr(step, "RangeRateDetector"):
         raise UnavailableError("this version of jaxradar has no `RangeRateDetector`.")
-    return step.RangeRateDetector(**_SETTINGS[row], **tuned)
+    peak, half_width = _PEAKS[row]
+    if half_width:
+        tuned["window_m"] = 2 * half_width * step.RangeAxis.of(range_m).bin_m
+    return step.RangeRateDetector(peak=peak, **tuned)
 
 
 def place(detector: Any, batch: Batch, device: Any = None) -> Arrays:
@@ -119,7 +125,7 @@ def loss(row: str, batch: Batch, target: Any, soft_m_s: float = 0.05) -> Callabl
 
     def value(parameters: Any, sweeps: Any, flags: Any, dt: Any, lengths: Any) -> Any:
         exponent, temperature, threshold = parameters
-        detector = build(row, exponent=exponent, temperature=temperature, threshold_m_s=threshold)
+        detector = build(row, batch.range_m, exponent=exponent, temperature=temperature, threshold_m_s=threshold)
         decisions = step.run_batch(detector, axis, sweeps, flags, dt, lengths)
         weights = step.event_weights(detector, decisions, soft_m_s)
         return jnp.mean(weights * target) + 1e-3 * jnp.mean(jnp.abs(decisions.speed_m_s))

@@ -81,8 +81,13 @@ class _ByLog:
         shape = batch.flags.shape
         self.outputs = Outputs(np.empty(shape, np.float32), np.zeros(shape, np.float32), np.zeros(shape, bool))
 
+    def compensate(self, sweeps: np.ndarray) -> np.ndarray:
+        # Converted first: a product of two types goes through NumPy's small buffers and takes half as long again.
+        np.copyto(self.compensated, sweeps)
+        return np.multiply(self.compensated, self.batch.weights, out=self.compensated)
+
     def argmax(self, sweeps: np.ndarray) -> np.ndarray:
-        np.multiply(sweeps, self.batch.weights, out=self.compensated)
+        self.compensate(sweeps)
         return np.argmax(self.compensated, axis=1, out=self.selected)
 
     def parabola(self, sweeps: np.ndarray) -> np.ndarray:
@@ -99,8 +104,7 @@ class _ByLog:
         return start + _soft_mean(self.taps, self.moments[:9])
 
     def soft(self, sweeps: np.ndarray) -> np.ndarray:
-        np.multiply(sweeps, self.batch.weights, out=self.compensated)
-        return _soft_mean(self.compensated, self.moments)
+        return _soft_mean(self.compensate(sweeps), self.moments)
 
     def __call__(self, estimator: str) -> Outputs:
         locate, batch = getattr(self, estimator), self.batch

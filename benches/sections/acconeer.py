@@ -72,7 +72,7 @@ def measure(settings: Settings) -> Section:
         section.notes.append(f"Skipped: {why}")
         return section
     for row in ("thesis", "default"):
-        detector = subject.build(row)
+        detector = subject.build(row, batch.range_m)
         name = f"jaxradar, {row}"
         calls[name] = subject.runner(detector, batch, subject.place(detector, batch))
         sweeps[name] = batch.count

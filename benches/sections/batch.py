@@ -48,7 +48,7 @@ def ours(batch: Batch, section: Section, device: jax.Device) -> tuple[Candidates
     found: Candidates = {}
     for row, estimator in subject.ROWS.items():
         try:
-            detector = subject.build(row)
+            detector = subject.build(row, batch.range_m)
         except UnavailableError as why:
             section.notes.append(f"Skipped: {row}: {why}")
             continue
@@ -110,14 +110,12 @@ def _memory(section: Section, rows: list[str], logs: int) -> None:
     except UnavailableError as why:
         section.notes.append(f"Skipped: memory: {why}")
         return
-    parts = []
+    section.notes.append("Peak of resident memory during a call beyond what was there before, results included:")
     for row, found in answer.items():
-        temp = "" if found["temp"] is None else f", of which the compiled program's own {found['temp'] / 1e6:.1f}"
-        parts.append(f"{row} {found['peak'] / 1e6:.1f} MB = {found['peak'] / found['input']:.1%} of the input{temp}")
+        temp = "" if found["temp"] is None else f"; the compiled program sets {found['temp'] / 1e6:.1f} MB aside"
+        share = found["peak"] / found["input"]
+        section.notes.append(f"  {row:9} {found['peak'] / 1e6:7.1f} MB, {share:6.1%} of the input{temp}")
         section.rows.append(Row(f"memory, {row}", [], found))
-    section.notes.append(
-        "Peak of resident memory during a call beyond what was there before: " + "; ".join(parts) + "."
-    )
 
 
 def measure(settings: Settings) -> Section:

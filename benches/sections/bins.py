@@ -25,13 +25,13 @@ def measure(settings: Settings) -> Section:
     section = Section("bins", title, ("detector", "GB/s at 128", *(str(bins) for bins in BINS)))
     with jax.default_device(jax.devices("cpu")[0]):
         for row, estimator in subject.ROWS.items():
-            try:
-                detector = subject.build(row)
-            except UnavailableError as why:
-                section.notes.append(f"Skipped: {row}: {why}")
-                continue
             calls = {}
             for bins, batch in batches.items():
+                try:
+                    detector = subject.build(row, batch.range_m)
+                except UnavailableError as why:
+                    section.notes.append(f"Skipped: {row}: {why}")
+                    break
                 call = subject.runner(detector, batch, subject.place(detector, batch))
                 if estimator is None:
                     wrong = subject.check_default(detector, batch, call(), 1)

@@ -7,7 +7,7 @@ import tempfile
 import numpy as np
 import subject
 from child import ask
-from data import UnavailableError
+from data import UnavailableError, make_batch
 from measure import Spread, figure, say
 from report import Row, Section
 from settings import Settings
@@ -30,7 +30,7 @@ def measure(settings: Settings) -> Section:
     rows, gradients = [], []
     for row in subject.ROWS:
         try:
-            subject.build(row)
+            subject.build(row, make_batch(1).range_m)
             rows.append(row)
             gradients += [row] if row in subject.GRADIENTS else []
         except UnavailableError as why:
