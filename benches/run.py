@@ -82,6 +82,11 @@ def main(argv: list[str]) -> int:
     sections = []
     for name in arguments.sections or SECTIONS:
         say(f"section {name}")
+        if name != "gpu" and not head["device"].startswith("cpu"):
+            # A program is traced in one form for all of a process, that of JAX's default device.
+            why = "skipped: JAX runs on another device here; set JAX_PLATFORMS=cpu for what the processor does"
+            sections.append(report.Section(name, why, ()))
+            continue
         sections.append(importlib.import_module(f"sections.{SECTIONS[name]}").measure(settings))
     share = others.share()
     if share is not None:

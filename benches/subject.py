@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -89,14 +90,13 @@ def runner(detector: Any, batch: Batch, arrays: Arrays) -> Callable[[], Outputs]
 
 def temp_bytes(detector: Any, batch: Batch) -> int | None:
     """What the compiled program sets aside beside its inputs and outputs, if the compiler says so."""
-    call = _batched()
-    if not hasattr(call, "lower"):
+    # `detect_batch` hides the program that it calls.
+    program = getattr(importlib.import_module("jaxradar.systems.step.pipeline"), "_batch", None)
+    if program is None:
         return None
     with step.precision(detector):
-        lowered = call.lower(
-            detector, step.RangeAxis.of(batch.range_m), *place(detector, batch), fields=FIELDS
-        ).compile()
-    analysis = lowered.memory_analysis()
+        lowered = program.lower(FIELDS, detector, step.RangeAxis.of(batch.range_m), *place(detector, batch))
+    analysis = lowered.compile().memory_analysis()
     return None if analysis is None else int(analysis.temp_size_in_bytes)
 
 

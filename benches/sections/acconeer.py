@@ -9,7 +9,6 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
-import jax
 import numpy as np
 import subject
 from data import UnavailableError, make_batch
@@ -86,8 +85,7 @@ def measure(settings: Settings) -> Section:
     if first not in calls:
         return section
     say("the maker's detector takes milliseconds a sweep")
-    with jax.default_device(jax.devices("cpu")[0]):
-        times = rounds(calls, settings.rounds, "acconeer")
+    times = rounds(calls, settings.rounds, "acconeer")
     each = {name: seconds / sweeps[name] for name, seconds in times.items()}
     for name, values in each.items():
         took, against = spread(values).scaled(1e6), ratio(values, each[first])

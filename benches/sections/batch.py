@@ -127,16 +127,15 @@ def measure(settings: Settings) -> Section:
     )
     section = Section("batch", f"{title}; {settings.rounds} rounds", COLUMNS, words=2)
     cpu = jax.devices("cpu")[0]
-    with jax.default_device(cpu):
-        candidates = _peers(batch, section)
-        mine, rows = ours(batch, section, cpu)
-        candidates |= mine
-        try:
-            candidates[READ, READ] = c_peers.reader(batch)
-        except UnavailableError as why:
-            section.notes.append(f"Skipped: read bandwidth: {why}")
-        named = {"\n".join(key): call for key, call in candidates.items()}
-        found = rounds(named, settings.rounds, "batch")
+    candidates = _peers(batch, section)
+    mine, rows = ours(batch, section, cpu)
+    candidates |= mine
+    try:
+        candidates[READ, READ] = c_peers.reader(batch)
+    except UnavailableError as why:
+        section.notes.append(f"Skipped: read bandwidth: {why}")
+    named = {"\n".join(key): call for key, call in candidates.items()}
+    found = rounds(named, settings.rounds, "batch")
     times = {(key.split("\n")[0], key.split("\n")[1]): seconds for key, seconds in found.items()}
     read = times.pop((READ, READ), None)
     read_gb_s = None if read is None else batch.sweeps.nbytes / float(np.median(read)) / 1e9

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import jax
 import reference
 import subject
 from data import SWEEPS, UnavailableError, make_batch
@@ -23,36 +22,33 @@ def measure(settings: Settings) -> Section:
     batches = {bins: make_batch(max(2, 2 * round(size / (4 * SWEEPS * bins))), bins, distinct=8) for bins in BINS}
     title = f"cost of a byte relative to 128 bins, {size / 1e6:.0f} MB each; {settings.rounds} rounds"
     section = Section("bins", title, ("detector", "GB/s at 128", *(str(bins) for bins in BINS)))
-    with jax.default_device(jax.devices("cpu")[0]):
-        for row, estimator in subject.ROWS.items():
-            calls = {}
-            for bins, batch in batches.items():
-                try:
-                    detector = subject.build(row, batch.range_m)
-                except UnavailableError as why:
-                    section.notes.append(f"Skipped: {row}: {why}")
-                    break
-                call = subject.runner(detector, batch, subject.place(detector, batch))
-                if estimator is None:
-                    wrong = subject.check_default(detector, batch, call(), 1)
-                else:
-                    wrong = reference.check(call(), reference.expected(batch, estimator, 2))
-                if wrong:
-                    section.failed = True
-                    section.notes.append(f"WRONG, not timed: {row} at {bins} bins: {wrong}.")
-                else:
-                    calls[str(bins)] = call
-            if "128" not in calls:
-                continue
-            times = rounds(calls, settings.rounds, f"bins, {row}")
-            per_byte = {bins: seconds / batches[int(bins)].sweeps.nbytes for bins, seconds in times.items()}
-            costs = {bins: ratio(values, per_byte["128"]) for bins, values in per_byte.items()}
-            gb_s = 1e-9 / spread(per_byte["128"]).median
-            cells = [f"{costs[str(bins)].median:.2f}" if str(bins) in costs else "-" for bins in BINS]
-            section.rows.append(Row(row, [row, figure(gb_s), *cells], {"gb_s": gb_s}))
-            section.rows += [
-                Row(f"{row}, {bins} bins", [], {"cost": cost.median}, cost)
-                for bins, cost in costs.items()
-                if bins != "128"
-            ]
+    for row, estimator in subject.ROWS.items():
+        calls = {}
+        for bins, batch in batches.items():
+            try:
+                detector = subject.build(row, batch.range_m)
+            except UnavailableError as why:
+                section.notes.append(f"Skipped: {row}: {why}")
+                break
+            call = subject.runner(detector, batch, subject.place(detector, batch))
+            if estimator is None:
+                wrong = subject.check_default(detector, batch, call(), 1)
+            else:
+                wrong = reference.check(call(), reference.expected(batch, estimator, 2))
+            if wrong:
+                section.failed = True
+                section.notes.append(f"WRONG, not timed: {row} at {bins} bins: {wrong}.")
+            else:
+                calls[str(bins)] = call
+        if "128" not in calls:
+            continue
+        times = rounds(calls, settings.rounds, f"bins, {row}")
+        per_byte = {bins: seconds / batches[int(bins)].sweeps.nbytes for bins, seconds in times.items()}
+        costs = {bins: ratio(values, per_byte["128"]) for bins, values in per_byte.items()}
+        gb_s = 1e-9 / spread(per_byte["128"]).median
+        cells = [f"{costs[str(bins)].median:.2f}" if str(bins) in costs else "-" for bins in BINS]
+        section.rows.append(Row(row, [row, figure(gb_s), *cells], {"gb_s": gb_s}))
+        section.rows += [
+            Row(f"{row}, {bins} bins", [], {"cost": cost.median}, cost) for bins, cost in costs.items() if bins != "128"
+        ]
     return section

@@ -51,24 +51,23 @@ def measure(settings: Settings) -> Section:
     say(f"making {logs} logs")
     batch = make_batch(logs)
     calls = {}
-    with jax.default_device(jax.devices("cpu")[0]):
-        for row in subject.GRADIENTS:
-            try:
-                say(f"checking the gradient of {row}")
-                wrong = _check(row)
-                calls[row] = subject.gradient(row, batch)[0]
-            except UnavailableError as why:
-                section.notes.append(f"Skipped: {row}: {why}")
-                continue
-            if wrong:
-                calls.pop(row)
-                section.failed = True
-                section.notes.append(f"WRONG, not timed: {row}: {wrong}.")
-        if not calls:
-            return section
-        plain = numpy_peers.candidates(batch)[numpy_peers.BY_LOG]
-        numpy = {f"NumPy, {row}": plain[row] for row in calls}
-        times = rounds({**calls, **numpy}, settings.rounds, "gradient")
+    for row in subject.GRADIENTS:
+        try:
+            say(f"checking the gradient of {row}")
+            wrong = _check(row)
+            calls[row] = subject.gradient(row, batch)[0]
+        except UnavailableError as why:
+            section.notes.append(f"Skipped: {row}: {why}")
+            continue
+        if wrong:
+            calls.pop(row)
+            section.failed = True
+            section.notes.append(f"WRONG, not timed: {row}: {wrong}.")
+    if not calls:
+        return section
+    plain = numpy_peers.candidates(batch)[numpy_peers.BY_LOG]
+    numpy = {f"NumPy, {row}": plain[row] for row in calls}
+    times = rounds({**calls, **numpy}, settings.rounds, "gradient")
     try:
         say("measuring memory in a process of its own")
         peaks = ask("gradient", {"JAX_PLATFORMS": "cpu"}, rows=list(calls), logs=logs)
