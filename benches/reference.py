@@ -45,7 +45,8 @@ def _positions(estimator: str, raw: np.ndarray, range_m: np.ndarray) -> tuple[np
         curvature = left - 2.0 * middle + right
         with np.errstate(divide="ignore", invalid="ignore"):
             offset = np.where(curvature < 0, 0.5 * (left - right) / curvature, 0.0)
-        return centre + np.clip(offset, -0.5, 0.5), near_tie
+        # A vertex beyond the taps is none: the selected bin stands.
+        return np.where((curvature < 0) & (np.abs(offset) <= 1.0), centre + offset, selected), near_tie
     if estimator == "window":
         start = np.clip(selected - 4, 0, raw.shape[1] - 9)
         taps = np.stack([raw[rows, start + tap] for tap in range(9)], axis=1)

@@ -22,7 +22,7 @@ except ImportError:
 __all__ = ["candidates"]
 
 SHARPNESS = np.float32(1.0 / TEMPERATURE)
-HALF, ZERO = np.float32(0.5), np.float32(0.0)
+HALF, ZERO, ONE = np.float32(0.5), np.float32(0.0), np.float32(1.0)
 
 
 def _largest(sweep: Any, weights: Any) -> Any:
@@ -48,11 +48,12 @@ def _argmax(sweep: Any, weights: Any) -> Any:
 
 
 def _parabola(sweep: Any, weights: Any) -> Any:
-    centre = min(max(select(sweep, weights), 1), sweep.shape[0] - 2)
+    selected = select(sweep, weights)
+    centre = min(max(selected, 1), sweep.shape[0] - 2)
     left, middle, right = np.float32(sweep[centre - 1]), np.float32(sweep[centre]), np.float32(sweep[centre + 1])
     curvature = left - middle - middle + right
-    offset = HALF * (left - right) / curvature if curvature < ZERO else ZERO
-    return np.float32(centre) + min(max(offset, -HALF), HALF)
+    offset = HALF * (left - right) / (curvature if curvature < ZERO else ONE)
+    return np.float32(centre) + offset if curvature < ZERO and abs(offset) <= ONE else np.float32(selected)
 
 
 def _window(sweep: Any, weights: Any) -> Any:

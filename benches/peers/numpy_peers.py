@@ -30,7 +30,8 @@ class _Whole:
         selected = (self.batch.sweeps * self.batch.weights).argmax(axis=-1)
         centre = np.clip(selected, 1, self.last - 1)
         taps = np.take_along_axis(self.batch.sweeps, centre[..., None] + np.arange(-1, 2), axis=-1).astype(np.float32)
-        return centre.astype(np.float32) + _vertex(taps[..., 0], taps[..., 1], taps[..., 2])
+        offset, inside = _vertex(taps[..., 0], taps[..., 1], taps[..., 2])
+        return np.where(inside, centre.astype(np.float32) + offset, selected.astype(np.float32))
 
     def window(self) -> np.ndarray:
         selected = (self.batch.sweeps * self.batch.weights).argmax(axis=-1)
@@ -48,11 +49,13 @@ class _Whole:
         return Outputs(distance, speed, np.abs(speed) > THRESHOLD_M_S)
 
 
-def _vertex(left: np.ndarray, middle: np.ndarray, right: np.ndarray) -> np.ndarray:
+def _vertex(left: np.ndarray, middle: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Offset from the middle, and whether it is one: a vertex among the taps."""
     curvature = left - 2 * middle + right
+    peaked = curvature < 0
     offset = np.zeros_like(left)
-    np.divide(np.float32(0.5) * (left - right), curvature, out=offset, where=curvature < 0)
-    return np.clip(offset, -0.5, 0.5, out=offset)
+    np.divide(np.float32(0.5) * (left - right), curvature, out=offset, where=peaked)
+    return offset, peaked & (np.abs(offset) <= 1.0)
 
 
 def _soft_mean(values: np.ndarray, moments: np.ndarray) -> np.ndarray:
@@ -91,10 +94,12 @@ class _ByLog:
         return np.argmax(self.compensated, axis=1, out=self.selected)
 
     def parabola(self, sweeps: np.ndarray) -> np.ndarray:
-        centre = np.clip(self.argmax(sweeps), 1, self.last - 1)
+        selected = self.argmax(sweeps)
+        centre = np.clip(selected, 1, self.last - 1)
         flat, at = sweeps.reshape(-1), self.begins + centre
         left, middle, right = (flat.take(at + tap).astype(np.float32) for tap in (-1, 0, 1))
-        return centre + _vertex(left, middle, right)
+        offset, inside = _vertex(left, middle, right)
+        return np.where(inside, centre + offset, selected)
 
     def window(self, sweeps: np.ndarray) -> np.ndarray:
         start = np.clip(self.argmax(sweeps) - 4, 0, self.last - 8)

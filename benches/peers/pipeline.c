@@ -103,20 +103,21 @@ static void locate_argmax(const uint16_t *a, const float *w, float *position, lo
 }
 
 static void locate_parabola(const uint16_t *a, const float *w, float *position, long sweeps) {
-  float left[BLOCK], middle[BLOCK], right[BLOCK], centre[BLOCK];
+  float left[BLOCK], middle[BLOCK], right[BLOCK], centre[BLOCK], selected[BLOCK];
   for (long done = 0; done < sweeps; done += BLOCK) {
     int count = sweeps - done < BLOCK ? (int)(sweeps - done) : BLOCK;
     for (int s = 0; s < count; s++) {
       const uint16_t *sweep = a + (done + s) * BINS;
       int bin = select_bin(sweep, w);
+      selected[s] = (float)bin;
       bin = bin < 1 ? 1 : bin > BINS - 2 ? BINS - 2 : bin;
       left[s] = sweep[bin - 1], middle[s] = sweep[bin], right[s] = sweep[bin + 1], centre[s] = (float)bin;
     }
     for (int s = 0; s < count; s++) {
       float curvature = left[s] - 2.0f * middle[s] + right[s];
       float offset = 0.5f * (left[s] - right[s]) / (curvature < 0.0f ? curvature : -1.0f);
-      offset = offset < -0.5f ? -0.5f : offset > 0.5f ? 0.5f : offset;
-      position[done + s] = centre[s] + (curvature < 0.0f ? offset : 0.0f);
+      int inside = (curvature < 0.0f) & (fabsf(offset) <= 1.0f);
+      position[done + s] = inside ? centre[s] + offset : selected[s];
     }
   }
 }

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 
-from jaxradar._numerics import masked_moments, safe_divide, safe_sqrt
+from jaxradar._numerics import safe_divide, safe_sqrt, total, totals
 from jaxradar._types import Counts, Scalar
 
 __all__ = ["NoiseFloor", "noise_floor"]
@@ -28,10 +30,19 @@ def noise_floor(cells: Counts) -> NoiseFloor:
     standard deviation .52 μ, the level is .61 μ and the scatter .24 μ, since both look only below the mean.
     """
     cells = jnp.asarray(cells)
-    # Of equal cells, the mean may be rounded to below them all.
-    quiet = cells <= jnp.maximum(jnp.mean(cells), jnp.min(cells))
-    level, _ = masked_moments(cells, quiet)
-    pairs = quiet[1:] & quiet[:-1]
-    steps = jnp.where(pairs, cells[1:] - cells[:-1], 0.0)
-    variance = 0.5 * safe_divide(jnp.sum(steps * steps), jnp.sum(pairs).astype(cells.dtype))
-    return NoiseFloor(level, safe_sqrt(variance))
+    # The mean of equal cells may be rounded to below them all.
+    mean = (1.0 + 4.0 * jnp.finfo(cells.dtype).eps) * total(cells) / cells.shape[0]
+
+    def terms(cell: Any, before: Any) -> tuple[Any, ...]:
+        quiet = cell <= mean
+        step = jnp.where(quiet & (before <= mean), cell - before, 0.0)
+        return quiet.astype(cell.dtype), jnp.where(quiet, cell, 0.0), step * step
+
+    def pairs(cell: Any, before: Any) -> tuple[Any, ...]:
+        return (((cell <= mean) & (before <= mean)).astype(cell.dtype),)
+
+    # The first cell has none before it: it is held against itself, and that pair is not counted.
+    before = jnp.concatenate([cells[:1], cells[:-1]])
+    count, level, squares = totals(terms, cells, before)
+    (paired,) = totals(pairs, cells[1:], cells[:-1])
+    return NoiseFloor(safe_divide(level, count), safe_sqrt(0.5 * safe_divide(squares, paired)))

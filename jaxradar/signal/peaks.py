@@ -13,12 +13,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Shaped
 
-from jaxradar._numerics import as_scalar, finite, first_argmax, safe_divide
+from jaxradar._numerics import as_scalar, finite, first_argmax, first_largest, largest, safe_divide, smallest, total
 from jaxradar._types import Flag, Index, RawSweep, Scalar, Setting, Sweep
 from jaxradar.signal.pulses import SIGMA_PER_FWHM, gaussian_pulse
+from jaxradar.signal.soft import soft_position
 
-__all__ = ["ArgMax", "MatchedFilter", "Parabola", "Peak", "PeakEstimator", "SoftArgmax", "vertex"]
+__all__ = ["ArgMax", "MatchedFilter", "Parabola", "Peak", "PeakEstimator", "SoftArgmax", "WindowEstimator", "vertex"]
 
 
 class Peak(eqx.Module):
@@ -30,25 +32,31 @@ class Peak(eqx.Module):
 
 
 class PeakEstimator(eqx.Module):
-    """One way of finding a peak. `half_width` bins to either side of `near` are looked at, all bins if it is None."""
+    """One way of finding a peak."""
+
+    @abc.abstractmethod
+    def __call__(self, sweep: RawSweep, near: Index | None = None) -> Peak:
+        """Find the peak of `sweep`, a vector of amplitudes over range bins.
+
+        `near` is the bin to look around, the largest of the sweep (the first of equals) if not given.
+        """
+
+
+class WindowEstimator(PeakEstimator):
+    """Looks at `half_width` bins to either side of `near`, at all bins if it is None.
+
+    At the ends the window is moved inwards, not cut.
+    """
 
     half_width: eqx.AbstractVar[int | None]
 
     def __call__(self, sweep: RawSweep, near: Index | None = None) -> Peak:
-        """Find the peak of `sweep`, a vector of amplitudes over range bins.
-
-        `near` is the bin that the window stands on, the largest of the sweep (the first of equals) if not given. At
-        the ends the window is moved inwards, not cut.
-        """
-        values = finite(sweep)
-        if self.half_width is None or 2 * self.half_width + 1 >= values.shape[0]:
-            start, window = jnp.int32(0), values
-        else:
-            width = 2 * self.half_width + 1
-            centre = first_argmax(values) if near is None else near
-            start = jnp.clip(centre - self.half_width, 0, values.shape[0] - width).astype(jnp.int32)
-            window = jax.lax.dynamic_slice(values, (start,), (width,))
-        amplitude = jnp.max(window)
+        start, window = jnp.int32(0), sweep
+        if self.half_width is not None and 2 * self.half_width + 1 < sweep.shape[0]:
+            centre = first_argmax(finite(sweep)) if near is None else near
+            start, window = _taps(sweep, centre, self.half_width)
+        window = finite(window)
+        amplitude = largest(window)
         found = amplitude > 0
         inside = self.locate(jnp.where(found, window, jnp.zeros_like(window)))
         return Peak(jnp.where(found, start + inside, 0.0), amplitude, found)
@@ -56,6 +64,13 @@ class PeakEstimator(eqx.Module):
     @abc.abstractmethod
     def locate(self, window: Sweep) -> Scalar:
         """Position in bins from the start of `window`, which holds finite values only."""
+
+
+def _taps(sweep: RawSweep, centre: Index, half_width: int) -> tuple[Index, Shaped[Array, " taps"]]:
+    """The window as recorded and the bin that it starts with: a batch of sweeps never becomes floats as a whole."""
+    width = 2 * half_width + 1
+    start = jnp.clip(centre - half_width, 0, sweep.shape[0] - width).astype(jnp.int32)
+    return start, jax.lax.dynamic_slice(jnp.asarray(sweep), (start,), (width,))
 
 
 def vertex(left: Scalar, middle: Scalar, right: Scalar) -> tuple[Scalar, Scalar]:
@@ -71,16 +86,16 @@ def vertex(left: Scalar, middle: Scalar, right: Scalar) -> tuple[Scalar, Scalar]
     return offset, middle - 0.25 * (left - right) * offset
 
 
-class ArgMax(PeakEstimator):
+class ArgMax(WindowEstimator):
     """The largest bin; of a plateau (a saturated echo) its midpoint; of two equal echoes the first."""
 
     half_width: int | None = eqx.field(static=True, default=None, kw_only=True)
 
     def locate(self, window: Sweep) -> Scalar:
         bins = jnp.arange(window.shape[0], dtype=jnp.int32)
-        first = first_argmax(window)
-        beyond = (bins > first) & (window < jnp.max(window))
-        after = jnp.min(jnp.where(beyond, bins, window.shape[0]))
+        first, top = first_largest(window)
+        beyond = (bins > first) & (window < top)
+        after = smallest(jnp.where(beyond, bins, window.shape[0]))
         return 0.5 * (first + after - 1).astype(window.dtype)
 
 
@@ -90,35 +105,40 @@ class Parabola(PeakEstimator):
     `reach=1` is the usual three-point form. Where neighbouring bins carry correlated noise or a plateau (full A111
     resolution), three points tell nothing: choose a reach of about a third of the echo's width.
     The largest bin is the midpoint of a plateau. Closed form of a Savitzky-Golay fit of order 2 (Anal. Chem. 36, 1964).
+    Where the taps have no vertex among them, the largest bin (or `near`) stands.
     """
 
     reach: int = eqx.field(static=True, default=1)
-    half_width: int | None = eqx.field(static=True, default=None, kw_only=True)
 
     def __check_init__(self) -> None:
         if self.reach < 1:
             raise ValueError(f"`Parabola(reach=...)` must be >= 1; got {self.reach}.")
 
-    def locate(self, window: Sweep) -> Scalar:
-        reach = min(self.reach, (window.shape[0] - 1) // 2)
-        top = ArgMax().locate(window)
+    def __call__(self, sweep: RawSweep, near: Index | None = None) -> Peak:
+        reach = min(self.reach, (sweep.shape[0] - 1) // 2)
+        if near is None:
+            top = ArgMax()(sweep).position
+            near = jnp.round(top).astype(jnp.int32)
+        else:
+            top = jnp.asarray(near).astype(jnp.result_type(float))
+        start, taps = _taps(sweep, near, reach)
+        taps = finite(taps)
+        amplitude = largest(taps)
         if reach < 1:
-            return top
-        centre = jnp.round(top).astype(jnp.int32)
-        start = jnp.clip(centre - reach, 0, window.shape[0] - 2 * reach - 1)
-        taps = jax.lax.dynamic_slice(window, (start,), (2 * reach + 1,))
+            return Peak(jnp.where(amplitude > 0, top, 0.0), amplitude, amplitude > 0)
         steps = np.arange(-reach, reach + 1, dtype=np.float64)
         square = steps**2 - np.mean(steps**2)
-        slope = jnp.dot(taps, jnp.asarray(steps / np.sum(steps**2), taps.dtype))
-        curvature = jnp.dot(taps, jnp.asarray(square / np.sum(square**2), taps.dtype))
+        slope = total(taps * jnp.asarray(steps / np.sum(steps**2), taps.dtype))
+        curvature = total(taps * jnp.asarray(square / np.sum(square**2), taps.dtype))
         # Relative to the taps' own size: rounding makes a plateau's curvature tiny rather than 0.
-        peaked = curvature < -1e-6 * jnp.max(taps)
+        peaked = curvature < -1e-6 * amplitude
         offset = jnp.where(peaked, -0.5 * slope / jnp.where(peaked, curvature, -1.0), 0.0)
         inside = peaked & (jnp.abs(offset) <= reach)
-        return jnp.where(inside, start + reach + offset, top)
+        found = amplitude > 0
+        return Peak(jnp.where(found, jnp.where(inside, start + reach + offset, top), 0.0), amplitude, found)
 
 
-class SoftArgmax(PeakEstimator):
+class SoftArgmax(WindowEstimator):
     """Mean of the bins under weights exp((a/a_max − 1) / temperature): the estimator that gradients flow through.
 
     `temperature` counts in units of the window's largest amplitude, so that no exponent is above 0 (float32 overflows
@@ -131,19 +151,10 @@ class SoftArgmax(PeakEstimator):
     half_width: int | None = eqx.field(static=True, default=None, kw_only=True)
 
     def locate(self, window: Sweep) -> Scalar:
-        bins = jnp.arange(window.shape[0], dtype=window.dtype)
-        top = jnp.max(window)
-        exponent = (safe_divide(window, jnp.broadcast_to(top, window.shape)) - 1.0) / jnp.asarray(
-            self.temperature, window.dtype
-        )
-        # The window's own maximum weighs 1, so the sum is at least 1, whatever underflows beside it.
-        weights = jnp.exp(exponent)
-        # Distances from the largest bin, not from bin 0: small numbers keep float32's digits.
-        centre = jax.lax.stop_gradient(ArgMax().locate(window))
-        return centre + jnp.sum(weights * (bins - centre)) / jnp.sum(weights)
+        return soft_position(window, self.temperature)
 
 
-class MatchedFilter(PeakEstimator):
+class MatchedFilter(WindowEstimator):
     """Largest correlation with a Gaussian pulse of `fwhm` bins, refined by Newton steps between the bins.
 
     The maximum-likelihood estimate of one echo's place in white noise (Van Trees, Detection, Estimation, and

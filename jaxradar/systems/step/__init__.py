@@ -4,7 +4,17 @@ from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, Step
 from jaxradar.systems.step.default import DefaultDetector
 from jaxradar.systems.step.files import DETECTORS, DetectorFile, dump_detector, load_detector
 from jaxradar.systems.step.lab_live import LabLiveDetector
-from jaxradar.systems.step.pipeline import detect, event_weights, precision, run, run_batch, thin, time_steps
+from jaxradar.systems.step.pipeline import (
+    detect,
+    detect_batch,
+    event_weights,
+    precision,
+    run,
+    run_batch,
+    thin,
+    time_steps,
+)
+from jaxradar.systems.step.range_rate import RangeRateDetector
 from jaxradar.systems.step.result import StepEvent, StepTrace
 from jaxradar.systems.step.thesis import ThesisDetector
 
@@ -16,11 +26,13 @@ __all__ = [
     "LabLiveDetector",
     "MotionSample",
     "RangeAxis",
+    "RangeRateDetector",
     "StepDetector",
     "StepEvent",
     "StepTrace",
     "ThesisDetector",
     "detect",
+    "detect_batch",
     "dump_detector",
     "event_weights",
     "load_detector",

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from jaxradar._numerics import finite, first_argmax
-from jaxradar._types import Counts, Flag, Flags, RawSweep, Scalar, Setting
+from jaxradar._numerics import finite, first_argmax, first_largest, largest, smallest
+from jaxradar._types import Counts, Flag, Flags, RawSweep, Scalar, Setting, Sweep
 from jaxradar.drive import FULL_SCALE
 from jaxradar.signal.clutter import noise_floor
-from jaxradar.signal.correlate import profile_shift
-from jaxradar.signal.peaks import ArgMax, SoftArgmax, vertex
+from jaxradar.signal.correlate import ProfileShift, profile_shift
+from jaxradar.signal.peaks import SoftArgmax, vertex
 from jaxradar.systems.step.config import (
     Decision,
     MotionSample,
@@ -31,33 +34,53 @@ LONGEST_SILENCE = 5.0  # refractory times after which a detector speaks again wh
 
 
 class ProfileObservation(eqx.Module):
-    """One sweep, seen through the noise: `profile` holds the amplitudes over the floor, averaged over range cells
-    whose centres are `centres_m`; `range_m` is the refined slant range of its strongest echo. `reach`: how many cells
-    a trial shift goes either way."""
+    """One sweep, seen through the noise: `profile` holds the amplitudes over the floor, averaged over range cells;
+    `range_m` is the refined slant range of its strongest echo."""
 
     profile: Counts
-    centres_m: Counts
     range_m: Scalar
     strength: Scalar
     valid: Flag
     saturated: Flag
-    reach: int = eqx.field(static=True)
+
+
+class Memory(eqx.Module):
+    """`reference`: the profile of the last moments; `gap_s`: time since the last valid sweep; `tracking`: whether
+    there is a reference to compare with."""
+
+    reference: Counts
+    gap_s: Scalar
+    tracking: Flag
+
+
+class Recalled(eqx.Module):
+    """What one sweep is to be held against: the memory before it, and the `share` that it has in the memory after."""
+
+    reference: Counts
+    gap_s: Scalar
+    share: Scalar
+    compared: Flag
+    fresh: Flag
+
+
+class Followed(eqx.Module):
+    """`range_m`: the followed echo now; `reference_m`: its range in the memory's profile. `age_s`: time since the
+    track began; `lost_s`: how long another echo has been clearly stronger; `quiet_s`: time since the last detection."""
+
+    range_m: Scalar
+    reference_m: Scalar
+    age_s: Scalar
+    lost_s: Scalar
+    quiet_s: Scalar
+    armed: Flag
 
 
 class DefaultState(eqx.Module):
-    """`reference`: the profile of the last moments, `reference_m` the range that the followed echo had in it.
-    `range_m`: the followed echo now. `age_s`: time since the track began; `lost_s`: how long another echo has been
-    clearly stronger; `gap_s`: time since the last valid sweep; `quiet_s`: time since the last detection."""
+    """What is remembered of the profiles, and of the echo that is followed in them. The second never changes the
+    first, so that a block of sweeps is compared with its references all at once."""
 
-    reference: Counts
-    reference_m: Scalar
-    range_m: Scalar
-    age_s: Scalar
-    lost_s: Scalar
-    gap_s: Scalar
-    quiet_s: Scalar
-    armed: Flag
-    tracking: Flag
+    memory: Memory
+    echo: Followed
 
 
 class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
@@ -96,7 +119,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     over_scatter: Setting = setting(11.0, 0.0, 1e3, "", "and this many standard deviations of the floor's noise")
     exponent: Setting = setting(0.0, 0.0, 6.0, "", "the echo is selected on amplitudes times (2r)^exponent")
     temperature: Setting = setting(0.1, 1e-3, 10.0, "", "of the soft-argmax that refines the range")
-    cell_m: float = shape_setting(0.0095, 1e-4, 1.0, "m", "size of a range cell")
+    cell_m: float = shape_setting(0.02, 1e-4, 1.0, "m", "size of a range cell")
     reach_m: float = shape_setting(0.12, 1e-3, 10.0, "m", "largest shift that is tried")
     pulse_m: float = shape_setting(0.04, 1e-3, 1.0, "m", "width of the window that refines the range, a pulse's width")
 
@@ -105,57 +128,99 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         return self.evidence
 
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> ProfileObservation:
-        amplitudes = finite(sweep)
-        per_cell = self._bins_per_cell(axis)
-        count = axis.bins // per_cell
-        cells = amplitudes[: count * per_cell].reshape(count, per_cell).mean(axis=1)
-        centres = jnp.asarray(axis.range_m)[: count * per_cell].reshape(count, per_cell).mean(axis=1)
+        cells = self._averaged(axis, finite(sweep))
+        centres = self._centres(axis)
         floor = noise_floor(cells)
-        # Over three cells, about a third of an echo's width: one rough cell is not an echo.
+        # Half of it from the neighbours, about a third of an echo's width: one rough cell is not an echo.
         padded = jnp.pad(cells, 1, mode="edge")
         smooth = (padded[:-2] + padded[1:-1] + padded[2:]) / 3.0
-        # The share of the floor that is taken away beyond it keeps its own unevenness out of the profile.
-        profile = jnp.maximum(cells - 1.1 * floor.level, 0.0)
-        selected = first_argmax(jnp.maximum(smooth - floor.level, 0.0) * (2.0 * centres) ** self.exponent)
-        strength = jnp.maximum(smooth[selected] - floor.level, 0.0)
-        half_width = max(1, round(0.5 * self.pulse_m / axis.bin_m))
+        over = jnp.maximum(smooth - floor.level, 0.0)
+        selected, _ = first_largest(over * (2.0 * centres) ** self.exponent)
+        strength = over[selected]
+        per_cell = self._bins_per_cell(axis)
         near = selected * per_cell + per_cell // 2
-        refined = SoftArgmax(self.temperature, half_width=half_width)(amplitudes, near).position
-        # The top of a saturated echo may be wider than the window: its middle is all that is known.
-        clipped = jnp.max(amplitudes) == FULL_SCALE
-        position = jnp.where(clipped, ArgMax()(amplitudes).position, refined)
+        half_width = max(1, round(0.5 * self.pulse_m / axis.bin_m))
+        refined = SoftArgmax(self.temperature, half_width=half_width)(sweep, near).position
         return ProfileObservation(
-            profile=profile,
-            centres_m=centres,
-            range_m=axis.at(position),
+            # The share of the floor that is taken away beyond it keeps its own unevenness out of the profile.
+            profile=jnp.maximum(cells - 1.1 * floor.level, 0.0),
+            # The top of a saturated echo may be wider than the window: its middle is all that is known.
+            range_m=axis.at(jnp.where(*_clipped_top(sweep), refined)),
             strength=strength,
             valid=usable(flags)
             & (strength > 0)
             & (strength > self.over_floor * floor.level)
             & (strength > self.over_scatter * floor.scatter),
             saturated=is_saturated(flags),
-            reach=max(1, min(round(self.reach_m / (per_cell * axis.bin_m)), count - 1)),
         )
 
     def init(self, axis: RangeAxis) -> DefaultState:
         zero, no = jnp.zeros(()), jnp.zeros((), bool)
         cells = jnp.zeros(axis.bins // self._bins_per_cell(axis))
-        return DefaultState(cells, zero, zero, zero, zero, zero, zero, ~no, no)
+        return DefaultState(Memory(cells, zero, no), Followed(zero, zero, zero, zero, zero, ~no))
 
     def track(
-        self, state: DefaultState, observation: ProfileObservation, motion: MotionSample | None, dt: Scalar
+        self,
+        axis: RangeAxis,
+        state: DefaultState,
+        observation: ProfileObservation,
+        motion: MotionSample | None,
+        dt: Scalar,
     ) -> tuple[DefaultState, Decision]:
-        seen = observation.valid
-        gap = state.gap_s + dt
-        # Jittering times go back by a little, and then the reference still stands; a clock that was set does not.
-        tracking = state.tracking & (jnp.abs(gap) <= self.longest_gap_s)
-        fresh = seen & ~tracking
-        compared = seen & tracking
-        age = jnp.where(fresh, 0.0, state.age_s + jnp.maximum(dt, 0.0))
+        memory, recalled = self._remember(state.memory, observation, dt)
+        shift = self._compare(axis, observation, recalled)
+        echo, decision = self._decide(axis, state.echo, observation, recalled, shift, dt)
+        return DefaultState(memory, echo), decision
 
-        cell = observation.centres_m[1] - observation.centres_m[0]
-        shift = profile_shift(observation.profile, state.reference, observation.reach)
-        shift_m = shift.cells * cell
+    def follow(
+        self, axis: RangeAxis, state: DefaultState, observations: ProfileObservation, dt: Float[Array, "logs sweeps"]
+    ) -> tuple[DefaultState, Decision]:
+        # What remembers goes through time, a step for all logs at once; what is dear is done for all sweeps at once.
+        seen, steps = jax.tree.map(lambda one: jnp.swapaxes(one, 0, 1), (observations, dt))
+        memory, recalled = jax.lax.scan(
+            lambda before, now: jax.vmap(self._remember)(before, *now), state.memory, (seen, steps)
+        )
+        shifts = jax.vmap(jax.vmap(partial(self._compare, axis)))(seen, recalled)
+        decide = jax.vmap(partial(self._decide, axis))
+        echo, decisions = jax.lax.scan(
+            lambda before, now: decide(before, *now), state.echo, (seen, recalled, shifts, steps)
+        )
+        return DefaultState(memory, echo), jax.tree.map(lambda one: jnp.swapaxes(one, 0, 1), decisions)
+
+    def _remember(self, memory: Memory, observation: ProfileObservation, dt: Scalar) -> tuple[Memory, Recalled]:
+        seen = observation.valid
+        gap = memory.gap_s + dt
+        # Jittering times go back by a little, and then the reference still stands; a clock that was set does not.
+        tracking = memory.tracking & (jnp.abs(gap) <= self.longest_gap_s)
+        compared = seen & tracking
+        # The share of the newest sweep in a running mean of time constant window_s, whatever the sweep rate.
+        share = jnp.where(compared, -jnp.expm1(-jnp.maximum(gap, 0.0) / self.window_s), jnp.where(seen, 1.0, 0.0))
+        after = Memory(
+            reference=memory.reference + share * (observation.profile - memory.reference),
+            gap_s=jnp.where(seen, 0.0, gap),
+            tracking=tracking | seen,
+        )
+        return after, Recalled(memory.reference, gap, share, compared, seen & ~tracking)
+
+    def _compare(self, axis: RangeAxis, observation: ProfileObservation, recalled: Recalled) -> ProfileShift:
+        cells = observation.profile.shape[0]
+        reach = round(self.reach_m / (self._bins_per_cell(axis) * axis.bin_m))
+        return profile_shift(observation.profile, recalled.reference, max(1, min(reach, cells - 1)))
+
+    def _decide(
+        self,
+        axis: RangeAxis,
+        state: Followed,
+        observation: ProfileObservation,
+        recalled: Recalled,
+        shift: ProfileShift,
+        dt: Scalar,
+    ) -> tuple[Followed, Decision]:
+        seen, compared, gap = observation.valid, recalled.compared, recalled.gap_s
+        age = jnp.where(recalled.fresh, 0.0, state.age_s + jnp.maximum(dt, 0.0))
+
+        centres = self._centres(axis)
+        shift_m = shift.cells * (centres[1] - centres[0])
         explained = shift.unexplained_still - shift.unexplained_moved
         moved = jnp.abs(shift_m) >= self.least_shift_m
         statistic = jnp.where(compared & moved, jnp.maximum(explained, 0.0), 0.0)
@@ -171,28 +236,24 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         stays = jnp.abs(observation.range_m - state.range_m) <= self.pulse_m
         carried = ~stays & (statistic > self.release)
         expected_m = jnp.where(carried, state.reference_m + shift_m, state.range_m)
-        followed_m, lost = self._follow(observation, expected_m)
+        followed_m, lost = self._follow(centres, observation, expected_m)
         # Forgotten as slowly as it was gathered: one sweep that looks like the old echo does not bring it back.
         passed = jnp.where(compared, jnp.maximum(gap, 0.0), 0.0)
         lost_s = jnp.maximum(state.lost_s + jnp.where(lost, passed, -passed), 0.0)
         # Another echo that stays stronger for long is the road now; taking it up is not a detection.
-        taken_up = fresh | (lost_s > self.longest_gap_s)
+        taken_up = recalled.fresh | (lost_s > self.longest_gap_s)
         range_m = jnp.where(taken_up, observation.range_m, followed_m)
         range_m = jnp.where(seen, range_m, state.range_m)
 
-        # The share of the newest sweep in a running mean of time constant window_s, whatever the sweep rate.
-        share = jnp.where(compared, -jnp.expm1(-jnp.maximum(gap, 0.0) / self.window_s), jnp.where(seen, 1.0, 0.0))
+        share = recalled.share
         reference_m = jnp.where(seen & taken_up, range_m, state.reference_m + share * (range_m - state.reference_m))
-        after = DefaultState(
-            reference=state.reference + share * (observation.profile - state.reference),
-            reference_m=reference_m,
+        after = Followed(
             range_m=range_m,
+            reference_m=reference_m,
             age_s=age,
             lost_s=jnp.where(taken_up, 0.0, lost_s),
-            gap_s=jnp.where(seen, 0.0, gap),
             quiet_s=jnp.where(event, 0.0, quiet),
             armed=jnp.where(event, False, state.armed | rearmed),
-            tracking=tracking | seen,
         )
         return after, Decision(
             range_m=range_m,
@@ -210,17 +271,17 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
             event=event,
         )
 
-    def _follow(self, observation: ProfileObservation, expected_m: Scalar) -> tuple[Scalar, Flag]:
+    def _follow(self, centres: Counts, observation: ProfileObservation, expected_m: Scalar) -> tuple[Scalar, Flag]:
         """The range of the echo nearest to where it is expected, and whether a far stronger one stands elsewhere."""
         near = jnp.abs(observation.range_m - expected_m) <= self.pulse_m
-        profile, centres = observation.profile, observation.centres_m
+        profile = observation.profile
         window = jnp.exp(-0.5 * ((centres - expected_m) / (0.5 * self.pulse_m)) ** 2)
         top = first_argmax(profile * window)
         # A peak in the first or last cell has one neighbour: counted twice, it puts the vertex on the cell.
         left, right = jnp.abs(top - 1), profile.shape[0] - 1 - jnp.abs(profile.shape[0] - 2 - top)
         offset, height = vertex(profile[left], profile[top], profile[right])
         local_m = centres[top] + offset * (centres[1] - centres[0])
-        weak = height < 0.5 * jnp.max(profile)
+        weak = height < 0.5 * largest(profile)
         # What is left around a vanished echo is noise: the range is held until another is taken up.
         local_m = jnp.where(weak | (jnp.abs(local_m - expected_m) > self.pulse_m), expected_m, local_m)
         return jnp.where(near, observation.range_m, local_m), ~near & weak
@@ -228,3 +289,21 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     def _bins_per_cell(self, axis: RangeAxis) -> int:
         # At least two cells, or there is nothing to shift.
         return max(1, min(round(self.cell_m / axis.bin_m), axis.bins // 2))
+
+    def _averaged(self, axis: RangeAxis, values: Sweep) -> Counts:
+        per_cell = self._bins_per_cell(axis)
+        count = axis.bins // per_cell
+        return values[: count * per_cell].reshape(count, per_cell).mean(axis=1)
+
+    def _centres(self, axis: RangeAxis) -> Counts:
+        """Slant range of each cell's middle in metres."""
+        return self._averaged(axis, jnp.asarray(axis.range_m))
+
+
+def _clipped_top(sweep: RawSweep) -> tuple[Flag, Scalar]:
+    """Whether the sweep reaches full scale, and the middle of the first run of bins that do."""
+    full = jnp.asarray(sweep) == FULL_SCALE
+    bins = jnp.arange(sweep.shape[0], dtype=jnp.int32)
+    first = smallest(jnp.where(full, bins, sweep.shape[0]))
+    after = smallest(jnp.where(full | (bins < first), sweep.shape[0], bins))
+    return first < sweep.shape[0], 0.5 * (first + after - 1).astype(jnp.result_type(float))

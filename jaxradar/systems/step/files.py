@@ -30,13 +30,14 @@ from jaxradar.drive import Mounting
 from jaxradar.systems.step.config import StepDetector
 from jaxradar.systems.step.default import DefaultDetector
 from jaxradar.systems.step.lab_live import LabLiveDetector
+from jaxradar.systems.step.range_rate import RangeRateDetector
 from jaxradar.systems.step.thesis import ThesisDetector
 
 __all__ = ["DETECTORS", "DetectorFile", "dump_detector", "load_detector"]
 
 FORMAT = 1
 DETECTORS: dict[str, type[StepDetector[Any, Any]]] = {
-    kind.name: kind for kind in (ThesisDetector, LabLiveDetector, DefaultDetector)
+    kind.name: kind for kind in (ThesisDetector, LabLiveDetector, RangeRateDetector, DefaultDetector)
 }
 
 
@@ -50,7 +51,7 @@ class DetectorFile:
 
 
 def load_detector(name_or_path: str | PathLike[str]) -> DetectorFile:
-    """A detector by its name (`thesis`, `lab-live`, `default`) or from a TOML file.
+    """A detector by its name (`default`, `thesis`, `range-rate`, `lab-live`) or from a TOML file.
 
     Raises `ConfigError` for an unknown name, an unreadable file, an unknown key (naming the nearest known one), a
     value of the wrong type or outside its bounds.
@@ -110,6 +111,11 @@ def _table(path: str, tables: dict[str, Any], key: str) -> dict[str, Any]:
 
 
 def _value(path: str, one: dataclasses.Field[Any], value: Any) -> Any:
+    if "choices" in one.metadata:
+        if value not in one.metadata["choices"]:
+            expected = ", ".join(repr(choice) for choice in one.metadata["choices"])
+            raise ConfigError(f"{path}: `{one.name}` must be one of {expected}; got {value!r}.")
+        return value
     wanted = bool if isinstance(one.default, bool) else float
     if isinstance(value, bool) != (wanted is bool) or not isinstance(value, int | float):
         expected = "true or false" if wanted is bool else "a number"
@@ -125,7 +131,7 @@ def dump_detector(file: DetectorFile | str) -> str:
     lines = [toml_line("format", FORMAT), toml_line("detector", detector.name), ""]
     for one in dataclasses.fields(detector):
         value = getattr(detector, one.name)
-        plain = value if isinstance(value, bool) else float(value)
+        plain = value if isinstance(value, bool | str) else float(value)
         unit = f"{one.metadata['unit']}: " if one.metadata["unit"] else ""
         lines.append(toml_line(one.name, plain, unit + one.metadata["doc"]))
     if file.mounting is not None:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from jaxradar._numerics import finite, first_argmax
+from jaxradar._numerics import finite, first_largest
 from jaxradar._types import Flag, Flags, RawSweep, Scalar, Setting, Sweep
 from jaxradar.drive import FULL_SCALE
 from jaxradar.systems.step.config import (
@@ -20,7 +20,7 @@ from jaxradar.systems.step.config import (
     shape_setting,
     usable,
 )
-from jaxradar.systems.step.thesis import SweepPeak
+from jaxradar.systems.step.range_rate import SweepPeak
 
 __all__ = ["LabLiveDetector", "LabLiveState"]
 
@@ -70,10 +70,10 @@ class LabLiveDetector(StepDetector[SweepPeak, LabLiveState]):
             # The program writes the product back into its uint16 array; what C leaves undefined there is clipped.
             offset = metres if self.as_it_was else axis.range_m - axis.range_m[0]
             amplitudes = jnp.clip(jnp.floor(amplitudes + 0.5 * amplitudes * offset), 0.0, FULL_SCALE)
-        peak = first_argmax(amplitudes)
+        peak, top = first_largest(amplitudes)
         return SweepPeak(
             range_m=metres[peak],
-            strength=amplitudes[peak],
+            strength=top,
             valid=usable(flags),
             saturated=is_saturated(flags),
         )
@@ -89,7 +89,7 @@ class LabLiveDetector(StepDetector[SweepPeak, LabLiveState]):
         return LabLiveState(jnp.zeros(()), no, jnp.zeros(()), no)
 
     def track(
-        self, state: LabLiveState, observation: SweepPeak, motion: MotionSample | None, dt: Scalar
+        self, axis: RangeAxis, state: LabLiveState, observation: SweepPeak, motion: MotionSample | None, dt: Scalar
     ) -> tuple[LabLiveState, Decision]:
         seen = observation.valid & (observation.strength > self.least_counts)
         distance, held = jnp.where(seen, observation.range_m, 0.0), seen

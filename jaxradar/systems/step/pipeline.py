@@ -13,13 +13,16 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Shaped, UInt
 
 from jaxradar._errors import ConfigError
-from jaxradar._numerics import soft_exceeds
+from jaxradar._numerics import compiled, soft_exceeds
+from jaxradar._toml import nearest
 from jaxradar._types import Setting
 from jaxradar.drive import NANOSECONDS, Motion, SensorSeries, SweepFlag
 from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
 from jaxradar.systems.step.result import StepEvent, StepTrace
 
-__all__ = ["detect", "event_weights", "precision", "run", "run_batch", "thin", "time_steps"]
+BLOCK = 16384  # sweeps; what they become stays in the processor's cache
+
+__all__ = ["detect", "detect_batch", "event_weights", "precision", "run", "run_batch", "thin", "time_steps"]
 
 
 def time_steps(times_ns: Int[np.ndarray, " sweeps"]) -> Float[np.ndarray, " sweeps"]:
@@ -43,14 +46,8 @@ def run(
 
     `dt` as from `time_steps`. Call it inside `precision(detector)`.
     """
-    observations = jax.vmap(partial(detector.observe, axis))(sweeps, flags)
-
-    def step(state: Any, inputs: tuple[Any, Any]) -> tuple[Any, Decision]:
-        observation, elapsed = inputs
-        return detector.track(state, observation, None, elapsed)
-
-    _, decisions = jax.lax.scan(step, detector.init(axis), (observations, jnp.asarray(dt, jnp.result_type(float))))
-    return decisions
+    one = run_batch(detector, axis, sweeps[None], flags[None], dt[None], np.array([len(flags)]))
+    return jax.tree.map(lambda field: field[0], one)
 
 
 def run_batch(
@@ -61,10 +58,71 @@ def run_batch(
     dt: Float[Array | np.ndarray, "logs sweeps"],
     lengths: Int[Array | np.ndarray, " logs"],
 ) -> Decision:
-    """All decisions on a batch of series of one range axis, each field (logs, sweeps); invalid beyond `lengths`."""
+    """All decisions on a batch of series of one range axis, each field (logs, sweeps); invalid beyond `lengths`.
+
+    Goes through the batch in blocks of about `BLOCK` sweeps, so that no temporary grows with the batch. Pure, to be
+    jit-compiled and differentiated; call it inside `precision(detector)`. `detect_batch` is this, compiled.
+    """
+    sweeps = jnp.asarray(sweeps)
     beyond = jnp.arange(sweeps.shape[1]) >= jnp.asarray(lengths)[:, None]
     flags = jnp.where(beyond, flags | np.uint16(SweepFlag.NO_AMPLITUDES), flags).astype(jnp.uint16)
-    return jax.vmap(partial(run, detector, axis))(sweeps, flags, dt)
+    dt = jnp.asarray(dt, jnp.result_type(float))
+    return (_by_time if detector.sequential else _by_logs)(detector, axis, sweeps, flags, dt)
+
+
+def _block(
+    detector: StepDetector[Any, Any], axis: RangeAxis, state: Any, sweeps: Array, flags: Array, dt: Array
+) -> tuple[Any, Decision]:
+    observations = jax.vmap(jax.vmap(partial(detector.observe, axis)))(sweeps, flags)
+    return detector.follow(axis, state, observations, dt)
+
+
+def _initial(detector: StepDetector[Any, Any], axis: RangeAxis, logs: int) -> Any:
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (logs, *jnp.shape(leaf))), detector.init(axis))
+
+
+def _part(count: int, wanted: int) -> int:
+    """The largest divisor of `count` that is not above `wanted`, or `wanted` if all of them are far smaller."""
+    wanted = max(1, min(count, wanted))
+    divisor = next(one for one in range(wanted, 0, -1) if count % one == 0)
+    return divisor if 2 * divisor >= wanted else wanted
+
+
+def _by_logs(detector: StepDetector[Any, Any], axis: RangeAxis, *inputs: Array) -> Decision:
+    """A few logs at a time, each from its first sweep to its last."""
+    logs, sweeps = inputs[1].shape
+    part = _part(logs, BLOCK // sweeps)
+    groups = logs // part
+
+    def one(group: Any) -> Decision:
+        return _block(detector, axis, _initial(detector, axis, group[1].shape[0]), *group)[1]
+
+    head = tuple(one_input[: groups * part].reshape(groups, part, *one_input.shape[1:]) for one_input in inputs)
+    done = jax.lax.map(one, head) if groups > 1 else jax.tree.map(lambda leaf: leaf[None], one([x[0] for x in head]))
+    done = jax.tree.map(lambda leaf: leaf.reshape(groups * part, *leaf.shape[2:]), done)
+    if groups * part == logs:
+        return done
+    rest = one([one_input[groups * part :] for one_input in inputs])
+    return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), done, rest)
+
+
+def _by_time(detector: StepDetector[Any, Any], axis: RangeAxis, *inputs: Array) -> Decision:
+    """All logs side by side, a few sweeps at a time."""
+    logs, sweeps = inputs[1].shape
+    part = _part(sweeps, BLOCK // logs)
+    blocks = sweeps // part
+
+    def one(state: Any, start: Any) -> tuple[Any, Decision]:
+        return _block(
+            detector, axis, state, *(jax.lax.dynamic_slice_in_dim(one_input, start, part, 1) for one_input in inputs)
+        )
+
+    state, done = jax.lax.scan(one, _initial(detector, axis, logs), part * jnp.arange(blocks))
+    done = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, 1).reshape(logs, blocks * part), done)
+    if blocks * part == sweeps:
+        return done
+    _, rest = _block(detector, axis, state, *(one_input[:, blocks * part :] for one_input in inputs))
+    return jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), done, rest)
 
 
 def event_weights(
@@ -79,7 +137,38 @@ def event_weights(
     return jnp.where(decisions.valid, soft, 0.0)
 
 
-_run = jax.jit(run)
+_run = compiled(run)
+
+
+def _chosen(fields: tuple[str, ...], *arguments: Any) -> dict[str, Array]:
+    decisions = run_batch(*arguments)
+    return {name: getattr(decisions, name) for name in fields}
+
+
+_batch = compiled(_chosen, static_argnums=0)
+
+
+def detect_batch(
+    detector: StepDetector[Any, Any],
+    axis: RangeAxis,
+    sweeps: Shaped[Array | np.ndarray, "logs sweeps bins"],
+    flags: UInt[Array | np.ndarray, "logs sweeps"],
+    dt: Float[Array | np.ndarray, "logs sweeps"],
+    lengths: Int[Array | np.ndarray, " logs"],
+    fields: tuple[str, ...] = ("range_m", "speed_m_s", "valid", "event"),
+) -> dict[str, Array]:
+    """`run_batch`, compiled, giving only those `fields` of the `Decision`s: what is not asked for is not computed.
+
+    Aligned NumPy arrays (64 bytes) and memory-mapped files enter as they are, without a copy. The first call for
+    each shape compiles. Returns before the result is there, as JAX does: `jax.block_until_ready` waits for it.
+    Raises `ConfigError` for an unknown field.
+    """
+    known = [field.name for field in dataclasses.fields(Decision)]
+    for name in fields:
+        if name not in known:
+            raise ConfigError(f"unknown field `{name}`{nearest(name, known)}; expected {', '.join(known)}.")
+    with precision(detector):
+        return _batch(tuple(fields), detector, axis, sweeps, flags, dt, lengths)
 
 
 def _padded_length(count: int) -> int:

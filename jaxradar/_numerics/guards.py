@@ -1,4 +1,4 @@
-"""Guarded arithmetic that more than one layer needs."""
+"""Arithmetic that stays finite, in value and in gradient."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Shaped
+from jaxtyping import Array, Bool, Float
 
-from jaxradar._types import Index, RawSweep, Scalar, Setting, Sweep
+from jaxradar._numerics.staged import total
+from jaxradar._types import RawSweep, Scalar, Setting, Sweep
 
-__all__ = ["as_scalar", "finite", "first_argmax", "masked_moments", "safe_divide", "safe_sqrt", "soft_exceeds"]
+__all__ = ["as_scalar", "finite", "masked_moments", "safe_divide", "safe_sqrt", "soft_exceeds"]
 
 
 def as_scalar(value: Any) -> Any:
@@ -30,17 +31,9 @@ def finite(sweep: RawSweep) -> Sweep:
 
     Without this one NaN bin would win every arg-max (`jnp.argmax` returns a NaN's index).
     """
+    whole = jnp.issubdtype(jnp.asarray(sweep).dtype, jnp.integer)
     values = jnp.asarray(sweep).astype(jnp.result_type(float))
-    return jnp.where(jnp.isfinite(values), values, 0.0)
-
-
-def first_argmax(values: Shaped[Array | np.ndarray, " bins"]) -> Index:
-    """Index of the largest value, the first of equals. `values` must hold no NaN.
-
-    Written as two plain reductions: they stay exact, and lower to what every back end has.
-    """
-    bins = jnp.arange(values.shape[0], dtype=jnp.int32)
-    return jnp.min(jnp.where(values == jnp.max(values), bins, values.shape[0] - 1))
+    return values if whole else jnp.where(jnp.isfinite(values), values, 0.0)
 
 
 def safe_divide(
@@ -69,13 +62,13 @@ def masked_moments(
     standard deviation of 0.5 mm at 0.6 m. Both are 0 where nothing is left.
     """
     values = jnp.asarray(values)
-    count = jnp.sum(mask).astype(values.dtype)
-    mean = safe_divide(jnp.sum(jnp.where(mask, values, 0.0)), count)
+    count = total(mask).astype(values.dtype)
+    mean = safe_divide(total(jnp.where(mask, values, 0.0)), count)
     # Masked before it is squared: what is masked out may be infinite.
     deviation = jnp.where(mask, jnp.where(mask, values, mean) - mean, 0.0)
     # The mean's own rounding, taken out of the variance to first order (Chan, Golub, LeVeque, Am. Stat. 37, 1983).
-    rest = safe_divide(jnp.sum(deviation), count)
-    return mean + rest, safe_divide(jnp.sum(deviation * deviation), count) - rest * rest
+    rest = safe_divide(total(deviation), count)
+    return mean + rest, safe_divide(total(deviation * deviation), count) - rest * rest
 
 
 def soft_exceeds(

@@ -1,0 +1,53 @@
+"""How programs are compiled: options that the compiler may not know, asked for only where it does."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+
+__all__ = ["compiled", "compiler_options"]
+
+# What pays on CPUs, measured by `benches/run.py batch`; both leave every result within rounding of what it was.
+_WANTED: dict[str, Any] = {
+    # Float reductions stay in the fused loop instead of going to a library; experimental in jaxlib 0.10.
+    "xla_cpu_experimental_ynn_fusion_type": "",
+    # The whole width of an AVX-512 register, which the compiler leaves half empty by default; ignored elsewhere.
+    "xla_cpu_prefer_vector_width": 512,
+}
+
+
+@functools.cache
+def compiler_options() -> dict[str, Any]:
+    """Those of the wanted options that this version of the compiler takes; none on other devices than CPUs."""
+    if jax.default_backend() != "cpu":
+        return {}
+    known = {}
+    for name, value in _WANTED.items():
+        try:
+            jax.jit(lambda x: x, compiler_options={name: value}).lower(0).compile()
+        except jax.errors.JaxRuntimeError:  # "No such compile option": another version
+            continue
+        known[name] = value
+    return known
+
+
+def compiled(function: Callable[..., Any], **jit_options: Any) -> Callable[..., Any]:
+    """`jax.jit` with `compiler_options`, made at the first call, so that importing starts no device.
+
+    Has the `lower` of `jax.jit` too. Not to be called inside another jit-compiled function: options belong to a whole
+    program.
+    """
+
+    @functools.cache
+    def program() -> Any:
+        return jax.jit(function, compiler_options=compiler_options(), **jit_options)
+
+    @functools.wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        return program()(*args, **kwargs)
+
+    call.lower = lambda *args, **kwargs: program().lower(*args, **kwargs)  # type: ignore[attr-defined]
+    return call

@@ -1,0 +1,230 @@
+"""Reductions over the last axis, in the shape that the processor wants.
+
+XLA turns a reduction over the last axis into a chain of single numbers on a CPU. Here the axis is cut into slices of
+`LANES` bins, one vector register or two, which are combined element by element in a tree; a chain is left for the last
+`LANES` alone. An axis that is no multiple of `LANES` has its last slice filled up, so that any length will do.
+An accelerator reduces well by itself: there the plain form is taken. The maxima and the arg-maxima are the same bit by
+bit in both forms, with one rule for ties, so that no platform moves a peak; sums agree within rounding (the tree errs
+less than a chain).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import contextvars
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, Shaped
+
+__all__ = [
+    "cpu_shaped",
+    "first_argmax",
+    "first_largest",
+    "largest",
+    "packed_largest",
+    "reductions",
+    "smallest",
+    "total",
+    "totals",
+]
+
+LANES = 32
+MOST_STAGED = 8192  # bins; the program's size grows with them, so what is longer is reduced in the plain form
+
+Values = Shaped[Array | np.ndarray, "*shape bins"]
+Reduced = Shaped[Array, "*shape"]
+Combine = Callable[[Any, Any], Any]
+
+_form: contextvars.ContextVar[str] = contextvars.ContextVar("form", default="by platform")
+
+
+@contextlib.contextmanager
+def reductions(form: str) -> Iterator[None]:
+    """What is traced inside reduces in the `"staged"` or the `"plain"` form, whatever the platform."""
+    if form not in ("staged", "plain"):
+        raise ValueError(f'`reductions(form=...)` must be "staged" or "plain"; got {form!r}.')
+    token = _form.set(form)
+    try:
+        yield
+    finally:
+        _form.reset(token)
+
+
+def cpu_shaped() -> bool:
+    """Whether to trace the form that a CPU wants. The one place that chooses."""
+    form = _form.get()
+    return jax.default_backend() == "cpu" if form == "by platform" else form == "staged"
+
+
+def _staged(values: Array) -> bool:
+    return cpu_shaped() and values.shape[-1] <= MOST_STAGED
+
+
+def _slices(values: Array, identity: Any) -> list[Array]:
+    count = values.shape[-1]
+    parts = [values[..., start : start + LANES] for start in range(0, count, LANES)]
+    if count > LANES and count % LANES:
+        short = [(0, 0)] * (values.ndim - 1) + [(0, -count % LANES)]
+        parts[-1] = jnp.pad(parts[-1], short, constant_values=identity)
+    return parts
+
+
+def _tree(parts: list[Any], combine: Combine) -> Any:
+    while len(parts) > 1:
+        odd = parts[-1:] if len(parts) % 2 else []
+        parts = [combine(a, b) for a, b in zip(parts[::2], parts[1::2], strict=False)] + odd
+    return parts[0]
+
+
+@jax.custom_jvp
+def total(values: Values) -> Reduced:
+    """Sum over the last axis, of the type that `jnp.sum` gives."""
+    values = jnp.asarray(values)
+    if not _staged(values):
+        return jnp.sum(values, axis=-1)
+    wide = values.astype(jax.eval_shape(jnp.sum, values).dtype)
+    return jnp.sum(_tree(_slices(wide, 0), jnp.add), axis=-1)
+
+
+@total.defjvp
+def _total_jvp(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Reduced, Reduced]:
+    # The plain sum transposes to a broadcast, a tree of slices to as many padded arrays.
+    return total(*primals), jnp.sum(tangents[0], axis=-1)
+
+
+def totals(function: Callable[..., tuple[Array, ...]], *arrays: Values) -> tuple[Reduced, ...]:
+    """Sums over the last axis of each of the arrays that `function` makes of `arrays`, element by element.
+
+    As `tuple(total(y) for y in function(*arrays))`, but for the form: `function` is applied to one slice after the
+    other, so that what is dear in it (an exponential) is computed once for all sums and is never written to memory.
+    """
+    whole = [jnp.asarray(one) for one in arrays]
+    if not _staged(whole[0]):
+        return tuple(jnp.sum(one, axis=-1) for one in function(*whole))
+    count = whole[0].shape[-1]
+    parts = list(zip(*(_slices(one, 0) for one in whole), strict=True))
+    terms = [function(*part) for part in parts]
+    if count > LANES and count % LANES:
+        real = jnp.arange(LANES) < count % LANES
+        terms[-1] = tuple(jnp.where(real, one, 0) for one in terms[-1])
+    sums = _tree(terms, lambda a, b: tuple(x + y for x, y in zip(a, b, strict=True)))
+    return tuple(jnp.sum(one, axis=-1) for one in sums)
+
+
+def _extreme(values: Array, combine: Combine, plain: Callable[..., Array], identity: Any) -> Array:
+    if not _staged(values):
+        return plain(values, axis=-1)
+    return plain(_tree(_slices(values, identity), combine), axis=-1)
+
+
+def _bounds(dtype: Any) -> tuple[Any, Any]:
+    if jnp.issubdtype(dtype, jnp.bool_):
+        return False, True
+    if jnp.issubdtype(dtype, jnp.floating):
+        return -jnp.inf, jnp.inf
+    return jnp.iinfo(dtype).min, jnp.iinfo(dtype).max
+
+
+@jax.custom_jvp
+def largest(values: Values) -> Reduced:
+    """Maximum over the last axis; NaN if there is one. The gradient is shared equally by equal maxima."""
+    values = jnp.asarray(values)
+    return _extreme(values, jnp.maximum, jnp.max, _bounds(values.dtype)[0])
+
+
+@jax.custom_jvp
+def smallest(values: Values) -> Reduced:
+    """Minimum over the last axis; NaN if there is one. The gradient is shared equally by equal minima."""
+    values = jnp.asarray(values)
+    return _extreme(values, jnp.minimum, jnp.min, _bounds(values.dtype)[1])
+
+
+def _shared(extreme: Callable[[Values], Reduced]) -> Callable[..., tuple[Reduced, Reduced]]:
+    def rule(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Reduced, Reduced]:
+        (values,), (change,) = primals, tangents
+        found = extreme(values)
+        equal = (values == found[..., None]).astype(change.dtype)
+        return found, jnp.sum(change * equal, axis=-1) / jnp.maximum(jnp.sum(equal, axis=-1), 1)
+
+    return rule
+
+
+largest.defjvp(_shared(largest))
+smallest.defjvp(_shared(smallest))
+
+
+def first_argmax(values: Values) -> Int[Array, "*shape"]:
+    """Index of the largest value, the first of equals, 0.0 and -0.0 being equal. `values` must hold no NaN."""
+    return first_largest(values)[0]
+
+
+def first_largest(values: Values) -> tuple[Int[Array, "*shape"], Reduced]:
+    """Index of the largest value, the first of equals, and the value; exact. `values` must hold no NaN.
+
+    No gradient flows through either.
+    """
+    values = jax.lax.stop_gradient(jnp.asarray(values))
+    count, dtype = values.shape[-1], values.dtype
+    if not _staged(values) or jnp.dtype(dtype).itemsize > 4 or dtype == jnp.uint32:
+        top = largest(values)
+        bins = jnp.arange(count, dtype=jnp.int32)
+        # Two reductions: exact, and every back end has them.
+        return smallest(jnp.where(values == top[..., None], bins, count - 1)), top
+    with jax.enable_x64(True):  # for the 64-bit key alone; nothing of it is left outside
+        index, top = _select(values)
+    return index, top.astype(dtype)
+
+
+def _select(values: Array) -> tuple[Array, Array]:
+    """Value and slice are selected together down to `LANES` pairs, and those reduced by one 64-bit key each."""
+    count = values.shape[-1]
+    floating = jnp.issubdtype(values.dtype, jnp.floating)
+    wide = values.astype(jnp.float32 if floating else jnp.int32)
+    parts = _slices(wide, _bounds(wide.dtype)[0])
+    pairs = [(part, jnp.full(part.shape, start * LANES, jnp.int32)) for start, part in enumerate(parts)]
+
+    def later_if_larger(first: Any, second: Any) -> Any:
+        larger = second[0] > first[0]
+        return tuple(jnp.where(larger, b, a) for a, b in zip(first, second, strict=True))
+
+    top, start = _tree(pairs, later_if_larger)
+    ordered = _ordered_bits(top) if floating else top
+    reverse = (count - 1) - (start + jnp.arange(top.shape[-1], dtype=jnp.int32))
+    # What fills up the last slice never wins: it is no larger than what stands before it in its lane.
+    key = (ordered.astype(jnp.int64) << 32) | reverse.astype(jnp.int64)
+    best = jnp.max(key, axis=-1)
+    index = (count - 1) - (best & 0xFFFFFFFF).astype(jnp.int32)
+    high = (best >> 32).astype(jnp.int32)
+    return index, _from_ordered_bits(high) if floating else high
+
+
+def _ordered_bits(values: Float[Array, "*shape"]) -> Int[Array, "*shape"]:
+    """Floats as integers of the same order: the bits as they are, those of negative numbers turned round."""
+    bits = jax.lax.bitcast_convert_type(jnp.where(values == 0, 0.0, values).astype(jnp.float32), jnp.int32)
+    return bits ^ ((bits >> 31) & 0x7FFFFFFF)
+
+
+def _from_ordered_bits(ordered: Int[Array, "*shape"]) -> Float[Array, "*shape"]:
+    return jax.lax.bitcast_convert_type(ordered ^ ((ordered >> 31) & 0x7FFFFFFF), jnp.float32)
+
+
+def packed_largest(values: Float[Array, "*shape bins"]) -> tuple[Int[Array, "*shape"], Float[Array, "*shape"]]:
+    """Index and value of the largest of non-negative doubles, in a single pass.
+
+    The last log₂(bins) bits of each number, rounded up, make room for its index. Values that differ in these alone
+    count as equal, and the first wins: at 128 bins that is a share of 3e-14, less than what two ways of rounding the
+    product of an amplitude and a weight differ by after a few more operations. Raises `TypeError` for other types.
+    """
+    values = jax.lax.stop_gradient(jnp.asarray(values))
+    if values.dtype != jnp.float64:
+        raise TypeError(f"`packed_largest` takes float64; got {values.dtype}.")
+    count = values.shape[-1]
+    low = (1 << max(count - 1, 1).bit_length()) - 1
+    bits = jax.lax.bitcast_convert_type(jnp.maximum(values, 0.0), jnp.int64) & ~low
+    best = largest(bits | (low - jnp.arange(count)))
+    index = (low - (best & low)).astype(jnp.int32)
+    return index, jax.lax.bitcast_convert_type(best & ~low, jnp.float64)

@@ -1,0 +1,170 @@
+"""Peak, metres, |difference|, threshold: the pipeline of the thesis, with any way of finding the peak."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxradar._numerics import finite, first_largest, largest
+from jaxradar._types import Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
+from jaxradar.signal.peaks import MatchedFilter, Parabola, Peak, PeakEstimator, SoftArgmax
+from jaxradar.signal.soft import soft_position
+from jaxradar.systems.step.config import (
+    Decision,
+    MotionSample,
+    RangeAxis,
+    StepDetector,
+    choice_setting,
+    is_saturated,
+    setting,
+    shape_setting,
+    usable,
+)
+
+__all__ = ["RangeRateBase", "RangeRateDetector", "RangeRateState", "SweepPeak"]
+
+
+class SweepPeak(eqx.Module):
+    """The strongest echo of one sweep: slant range in metres, amplitude in counts."""
+
+    range_m: Scalar
+    strength: Scalar
+    valid: Flag
+    saturated: Flag
+
+
+class RangeRateState(eqx.Module):
+    """The last valid sweep's range, the time since then, and whether there was one."""
+
+    range_m: Scalar
+    elapsed_s: Scalar
+    seen: Flag
+
+
+class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
+    """What remembers: the difference to the last valid sweep before, over the recorded time between the two."""
+
+    statistic_name: ClassVar[str] = "|range rate|"
+    statistic_unit: ClassVar[str] = "m/s"
+    sequential: ClassVar[bool] = False
+
+    threshold_m_s: eqx.AbstractVar[Setting]
+
+    @property
+    def threshold(self) -> Setting:
+        return self.threshold_m_s
+
+    def init(self, axis: RangeAxis) -> RangeRateState:
+        return RangeRateState(jnp.zeros(()), jnp.zeros(()), jnp.zeros((), bool))
+
+    def track(
+        self, axis: RangeAxis, state: RangeRateState, observation: SweepPeak, motion: MotionSample | None, dt: Scalar
+    ) -> tuple[RangeRateState, Decision]:
+        elapsed = state.elapsed_s + dt
+        decision = self._decide(observation, state.range_m, elapsed, state.seen)
+        after = RangeRateState(
+            range_m=decision.range_m,
+            elapsed_s=jnp.where(observation.valid, 0.0, elapsed),
+            seen=state.seen | observation.valid,
+        )
+        return after, decision
+
+    def follow(
+        self, axis: RangeAxis, state: RangeRateState, observations: SweepPeak, dt: jax.Array
+    ) -> tuple[RangeRateState, Decision]:
+        def gapless() -> tuple[RangeRateState, Decision]:
+            before = jnp.concatenate([state.range_m[:, None], observations.range_m[:, :-1]], axis=1)
+            elapsed = dt.at[:, 0].add(state.elapsed_s)
+            seen = jnp.ones_like(observations.valid).at[:, 0].set(state.seen)
+            decision = self._decide(observations, before, elapsed, seen)
+            last = decision.range_m[:, -1]
+            return RangeRateState(last, jnp.zeros_like(last), jnp.ones_like(state.seen)), decision
+
+        def with_gaps() -> tuple[RangeRateState, Decision]:
+            return super(RangeRateBase, self).follow(axis, state, observations, dt)
+
+        # Where every sweep is valid the sweep before is the last valid one, and nothing has to wait for another.
+        return jax.lax.cond(jnp.all(observations.valid), gapless, with_gaps)
+
+    def _decide(self, now: SweepPeak, before_m: Scalar, elapsed: Scalar, seen: Flag) -> Decision:
+        known = now.valid & seen & (elapsed > 0)
+        # The divisor is guarded, so that a gradient through a sweep at Δt = 0 is 0 and not NaN.
+        speed = jnp.where(known, (now.range_m - before_m) / jnp.where(known, elapsed, 1.0), 0.0)
+        statistic = jnp.abs(speed)
+        return Decision(
+            range_m=jnp.where(now.valid, now.range_m, before_m),
+            speed_m_s=speed,
+            strength=now.strength,
+            statistic=statistic,
+            valid=now.valid,
+            saturated=now.saturated,
+            event=known & (statistic > self.threshold_m_s),
+        )
+
+
+PEAKS = ("arg-max", "parabola", "soft-argmax", "soft-argmax over all bins", "matched filter")
+
+
+class RangeRateDetector(RangeRateBase):
+    """Compensate, find the peak between the bins, metres, |derivative|, threshold.
+
+    The echo is selected on amplitudes times (2r)^exponent, the first of equal maxima. From there `peak` finds the
+    place between the bins, on the amplitudes as recorded unless `refine_compensated` (which moves an echo outwards:
+    by 1 mm where an echo is 4 cm wide). `soft-argmax over all bins` selects nothing: it is the mean over all
+    compensated bins; `matched filter` looks for a Gaussian of `pulse_m` in all amplitudes as recorded.
+    A detection is |Δr|/Δt > threshold between a valid sweep and the last valid one before it, as in `ThesisDetector`.
+    """
+
+    name: ClassVar[str] = "range-rate"
+
+    threshold_m_s: Setting = setting(0.7, 0.0, 1e3, "m/s", "a range rate above this is a step (thesis, section 6.1)")
+    exponent: Setting = setting(2.0, 0.0, 6.0, "", "amplitudes are multiplied by (2r)^exponent (thesis, B.2)")
+    temperature: Setting = setting(0.1, 1e-3, 10.0, "", "of the soft-argmax, as a share of the largest amplitude")
+    peak: str = choice_setting("soft-argmax", PEAKS, "how the place of the echo between the bins is found")
+    window_m: float = shape_setting(0.045, 1e-4, 10.0, "m", "width of what the parabola and the soft-argmax look at")
+    pulse_m: float = shape_setting(0.04, 1e-3, 1.0, "m", "full width of an echo at half its height")
+    refine_compensated: bool = shape_setting(False, 0, 1, "", "refine on compensated amplitudes, not on raw ones")
+
+    def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> SweepPeak:
+        log_gain = jnp.log(2.0 * jnp.maximum(jnp.asarray(axis.range_m), 1e-6))
+        exponent = jnp.asarray(self.exponent, log_gain.dtype)
+        gain = jnp.exp(jax.lax.stop_gradient(exponent) * log_gain)
+        selected, _ = first_largest(finite(sweep) * gain)
+        found = self._find(axis, sweep, selected, log_gain, exponent)
+        return SweepPeak(
+            range_m=axis.at(found.position),
+            strength=found.amplitude,
+            valid=usable(flags) & found.found,
+            saturated=is_saturated(flags),
+        )
+
+    def _all_bins(self, values: Sweep, log_gain: Sweep, exponent: Scalar) -> Peak:
+        amplitude = largest(values)
+        found = amplitude > 0
+        position = soft_position(jnp.where(found, values, 1.0), self.temperature, log_gain, exponent)
+        return Peak(jnp.where(found, position, 0.0), amplitude, found)
+
+    def _find(self, axis: RangeAxis, sweep: RawSweep, selected: Index, log_gain: Sweep, exponent: Scalar) -> Peak:
+        half_width = max(1, round(0.5 * self.window_m / axis.bin_m))
+        if self.peak == "soft-argmax over all bins":
+            return self._all_bins(finite(sweep), log_gain, exponent)
+        if self.peak == "matched filter":
+            return MatchedFilter(self.pulse_m / axis.bin_m)(sweep)
+        if self.peak == "arg-max":
+            amplitude = finite(sweep)[selected]
+            return Peak(selected.astype(log_gain.dtype), amplitude, amplitude > 0)
+        if self.peak == "soft-argmax" and self.refine_compensated:
+            width = min(2 * half_width + 1, axis.bins)
+            start = jnp.clip(selected - half_width, 0, axis.bins - width)
+            taps = finite(jax.lax.dynamic_slice(jnp.asarray(sweep), (start,), (width,)))
+            found = self._all_bins(taps, jax.lax.dynamic_slice(log_gain, (start,), (width,)), exponent)
+            return eqx.tree_at(lambda one: one.position, found, found.position + start)
+        source = finite(sweep) * jnp.exp(exponent * log_gain) if self.refine_compensated else sweep
+        estimators: dict[str, PeakEstimator] = {
+            "parabola": Parabola(half_width),
+            "soft-argmax": SoftArgmax(self.temperature, half_width=half_width),
+        }
+        return estimators[self.peak](source, selected)
