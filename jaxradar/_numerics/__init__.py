@@ -1,7 +1,15 @@
 """Guarded arithmetic, reductions in the shape that the processor wants, and how programs are compiled."""
 
-from jaxradar._numerics.compilation import compiled
-from jaxradar._numerics.guards import as_scalar, finite, masked_moments, safe_divide, safe_sqrt, soft_exceeds
+from jaxradar._numerics.compilation import compiled, row_major
+from jaxradar._numerics.guards import (
+    as_scalar,
+    finite,
+    masked_moments,
+    neighbours,
+    safe_divide,
+    safe_sqrt,
+    soft_exceeds,
+)
 from jaxradar._numerics.staged import (
     cpu_shaped,
     first_argmax,
@@ -9,6 +17,7 @@ from jaxradar._numerics.staged import (
     largest,
     packed_largest,
     reductions,
+    select_largest,
     smallest,
     total,
     totals,
@@ -23,10 +32,13 @@ __all__ = [
     "first_largest",
     "largest",
     "masked_moments",
+    "neighbours",
     "packed_largest",
     "reductions",
+    "row_major",
     "safe_divide",
     "safe_sqrt",
+    "select_largest",
     "smallest",
     "soft_exceeds",
     "total",

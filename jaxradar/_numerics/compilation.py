@@ -7,8 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+from jax.experimental.layout import Layout, with_layout_constraint
 
-__all__ = ["compiled", "compiler_options"]
+__all__ = ["compiled", "compiler_options", "row_major"]
 
 # What pays on CPUs, measured by `benches/run.py batch`; both leave every result within rounding of what it was.
 _WANTED: dict[str, Any] = {
@@ -51,3 +52,18 @@ def compiled(function: Callable[..., Any], **jit_options: Any) -> Callable[..., 
 
     call.lower = lambda *args, **kwargs: program().lower(*args, **kwargs)  # type: ignore[attr-defined]
     return call
+
+
+@jax.custom_jvp
+def row_major(values: jax.Array) -> jax.Array:
+    """The same values, laid out in memory in the order of the axes.
+
+    A CPU program that transposes is otherwise made by giving the axes another order in memory, and then every loop
+    that follows jumps.
+    """
+    return with_layout_constraint(values, Layout(major_to_minor=tuple(range(values.ndim))))
+
+
+@row_major.defjvp
+def _row_major_jvp(primals: tuple[jax.Array], tangents: tuple[jax.Array]) -> tuple[jax.Array, jax.Array]:
+    return row_major(*primals), tangents[0]

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from jaxradar._numerics.staged import total
 from jaxradar._types import RawSweep, Scalar, Setting, Sweep
 
-__all__ = ["as_scalar", "finite", "masked_moments", "safe_divide", "safe_sqrt", "soft_exceeds"]
+__all__ = ["as_scalar", "finite", "masked_moments", "neighbours", "safe_divide", "safe_sqrt", "soft_exceeds"]
 
 
 def as_scalar(value: Any) -> Any:
@@ -34,6 +34,14 @@ def finite(sweep: RawSweep) -> Sweep:
     whole = jnp.issubdtype(jnp.asarray(sweep).dtype, jnp.integer)
     values = jnp.asarray(sweep).astype(jnp.result_type(float))
     return values if whole else jnp.where(jnp.isfinite(values), values, 0.0)
+
+
+def neighbours(values: Float[Array, " bins"]) -> tuple[Float[Array, " bins"], Float[Array, " bins"]]:
+    """What stands before and after each value; 0 beyond the ends.
+
+    Padded slices stay in the loop of what is made of them; a concatenation would be written out first.
+    """
+    return jnp.pad(values[:-1], (1, 0)), jnp.pad(values[1:], (0, 1))
 
 
 def safe_divide(

@@ -3,16 +3,16 @@
 XLA turns a reduction over the last axis into a chain of single numbers on a CPU. Here the axis is cut into slices of
 `LANES` bins, one vector register or two, which are combined element by element in a tree; a chain is left for the last
 `LANES` alone. An axis that is no multiple of `LANES` has its last slice filled up, so that any length will do.
-An accelerator reduces well by itself: there the plain form is taken. The maxima and the arg-maxima are the same bit by
-bit in both forms, with one rule for ties, so that no platform moves a peak; sums agree within rounding (the tree errs
-less than a chain).
+An accelerator reduces well by itself: there the plain form is taken, and so it is where sweeps lie side by side, the
+batch being the last axis in memory. The maxima and the arg-maxima are the same bit by bit in both forms, with one rule
+for ties, so that no platform moves a peak; sums agree within rounding (the tree errs less than a chain).
 """
 
 from __future__ import annotations
 
 import contextlib
 import contextvars
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -27,6 +27,7 @@ __all__ = [
     "largest",
     "packed_largest",
     "reductions",
+    "select_largest",
     "smallest",
     "total",
     "totals",
@@ -65,10 +66,10 @@ def _staged(values: Array) -> bool:
 
 
 def _slices(values: Array, identity: Any) -> list[Array]:
-    count = values.shape[-1]
-    parts = [values[..., start : start + LANES] for start in range(0, count, LANES)]
-    if count > LANES and count % LANES:
-        short = [(0, 0)] * (values.ndim - 1) + [(0, -count % LANES)]
+    count, width = values.shape[-1], LANES
+    parts = [values[..., start : start + width] for start in range(0, count, width)]
+    if count > width and count % width:
+        short = [(0, 0)] * (values.ndim - 1) + [(0, -count % width)]
         parts[-1] = jnp.pad(parts[-1], short, constant_values=identity)
     return parts
 
@@ -108,7 +109,7 @@ def totals(function: Callable[..., tuple[Array, ...]], *arrays: Values) -> tuple
     count = whole[0].shape[-1]
     parts = list(zip(*(_slices(one, 0) for one in whole), strict=True))
     terms = [function(*part) for part in parts]
-    if count > LANES and count % LANES:
+    if parts[0][0].shape[-1] * len(parts) > count:
         real = jnp.arange(LANES) < count % LANES
         terms[-1] = tuple(jnp.where(real, one, 0) for one in terms[-1])
     sums = _tree(terms, lambda a, b: tuple(x + y for x, y in zip(a, b, strict=True)))
@@ -118,7 +119,12 @@ def totals(function: Callable[..., tuple[Array, ...]], *arrays: Values) -> tuple
 def _extreme(values: Array, combine: Combine, plain: Callable[..., Array], identity: Any) -> Array:
     if not _staged(values):
         return plain(values, axis=-1)
-    return plain(_tree(_slices(values, identity), combine), axis=-1)
+    lanes = _tree(_slices(values, identity), combine)
+    if lanes.dtype != jnp.float32:
+        return plain(lanes, axis=-1)
+    # As integers of the same order: the compiler does not chain those. One kind of NaN, since their signs differ.
+    fill = jnp.nan if plain is jnp.max else -jnp.nan
+    return _from_ordered_bits(plain(_ordered_bits(jnp.where(jnp.isnan(lanes), fill, lanes)), axis=-1))
 
 
 def _bounds(dtype: Any) -> tuple[Any, Any]:
@@ -162,44 +168,70 @@ def first_argmax(values: Values) -> Int[Array, "*shape"]:
     return first_largest(values)[0]
 
 
-def first_largest(values: Values) -> tuple[Int[Array, "*shape"], Reduced]:
-    """Index of the largest value, the first of equals, and the value; exact. `values` must hold no NaN.
+def first_largest(values: Values, *others: Any) -> tuple[Array, ...]:
+    """Index of the largest value, the first of equals, the value, and what the `others` hold there; exact.
 
-    No gradient flows through either.
+    `values` must hold no NaN. No gradient flows through the index or the value, through the others it does.
     """
     values = jax.lax.stop_gradient(jnp.asarray(values))
-    count, dtype = values.shape[-1], values.dtype
-    if not _staged(values) or jnp.dtype(dtype).itemsize > 4 or dtype == jnp.uint32:
-        top = largest(values)
-        bins = jnp.arange(count, dtype=jnp.int32)
-        # Two reductions: exact, and every back end has them.
-        return smallest(jnp.where(values == top[..., None], bins, count - 1)), top
-    with jax.enable_x64(True):  # for the 64-bit key alone; nothing of it is left outside
-        index, top = _select(values)
-    return index, top.astype(dtype)
+    count = values.shape[-1]
+    index, top = _keyed(values) if _staged(values) and _fits_key(values.dtype) else _searched(values)
+    if others:
+        # All made once, whatever is read; and read by a sum, as a gather would turn arrays of sweeps round.
+        index, *others = (jax.lax.optimization_barrier(one) for one in (index, *others))
+        here = jnp.arange(count, dtype=jnp.int32) == index[..., None]
+        return index, top, *(total(jnp.where(here, one, 0)) for one in others)
+    return index, top
+
+
+def select_largest(candidates: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
+    """Of tuples (value, ...) the first with the largest value, with its index in front: element by element.
+
+    What is carried along comes without a gather, and gradients flow through all but the index. No value may be NaN.
+    """
+    pairs = [(jnp.int32(index), *one) for index, one in enumerate(candidates)]
+    return tuple(_tree(pairs, _later_if_larger))
+
+
+def _fits_key(dtype: Any) -> bool:
+    return jnp.dtype(dtype).itemsize <= 4 and dtype != jnp.uint32
+
+
+def _searched(values: Array) -> tuple[Array, Array]:
+    """Two reductions: exact, and every back end has them. What they read is made once."""
+    values = jax.lax.optimization_barrier(values)
+    count, top = values.shape[-1], largest(values)
+    bins = jnp.arange(count, dtype=jnp.int32)
+    return smallest(jnp.where(values == top[..., None], bins, count - 1)), top
+
+
+def _later_if_larger(first: Any, second: Any) -> Any:
+    larger = second[1] > first[1]
+    return tuple(jnp.where(larger, b, a) for a, b in zip(first, second, strict=True))
 
 
 def _select(values: Array) -> tuple[Array, Array]:
-    """Value and slice are selected together down to `LANES` pairs, and those reduced by one 64-bit key each."""
-    count = values.shape[-1]
-    floating = jnp.issubdtype(values.dtype, jnp.floating)
-    wide = values.astype(jnp.float32 if floating else jnp.int32)
-    parts = _slices(wide, _bounds(wide.dtype)[0])
-    pairs = [(part, jnp.full(part.shape, start * LANES, jnp.int32)) for start, part in enumerate(parts)]
+    """For each lane the index of the largest value and the value, selected together in a tree."""
+    parts = _slices(values, _bounds(values.dtype)[0])
+    width = parts[0].shape[-1]
+    starts = [jnp.full(width, step * width, jnp.int32) for step in range(len(parts))]
+    start, top = _tree(list(zip(starts, parts, strict=True)), _later_if_larger)
+    return start + jnp.arange(width, dtype=jnp.int32), top
 
-    def later_if_larger(first: Any, second: Any) -> Any:
-        larger = second[0] > first[0]
-        return tuple(jnp.where(larger, b, a) for a, b in zip(first, second, strict=True))
 
-    top, start = _tree(pairs, later_if_larger)
-    ordered = _ordered_bits(top) if floating else top
-    reverse = (count - 1) - (start + jnp.arange(top.shape[-1], dtype=jnp.int32))
-    # What fills up the last slice never wins: it is no larger than what stands before it in its lane.
-    key = (ordered.astype(jnp.int64) << 32) | reverse.astype(jnp.int64)
-    best = jnp.max(key, axis=-1)
-    index = (count - 1) - (best & 0xFFFFFFFF).astype(jnp.int32)
-    high = (best >> 32).astype(jnp.int32)
-    return index, _from_ordered_bits(high) if floating else high
+def _keyed(values: Array) -> tuple[Array, Array]:
+    """Of the `LANES` pairs of value and index that are left, one 64-bit key each holds both."""
+    count, dtype = values.shape[-1], values.dtype
+    floating = jnp.issubdtype(dtype, jnp.floating)
+    with jax.enable_x64(True):  # for the key alone; nothing of it is left outside
+        # What fills up the last slice never wins: it is no larger than what stands before it in its lane.
+        index, top = _select(values.astype(jnp.float32 if floating else jnp.int32))
+        ordered = _ordered_bits(top) if floating else top
+        key = (ordered.astype(jnp.int64) << 32) | (count - 1 - index).astype(jnp.int64)
+        best = jnp.max(key, axis=-1)
+        high = (best >> 32).astype(jnp.int32)
+        found = (count - 1) - (best & 0xFFFFFFFF).astype(jnp.int32)
+    return found, (_from_ordered_bits(high) if floating else high).astype(dtype)
 
 
 def _ordered_bits(values: Float[Array, "*shape"]) -> Int[Array, "*shape"]:
@@ -213,7 +245,7 @@ def _from_ordered_bits(ordered: Int[Array, "*shape"]) -> Float[Array, "*shape"]:
 
 
 def packed_largest(values: Float[Array, "*shape bins"]) -> tuple[Int[Array, "*shape"], Float[Array, "*shape"]]:
-    """Index and value of the largest of non-negative doubles, in a single pass.
+    """Index and value of the largest of doubles, none below 0 and none NaN, in a single pass.
 
     The last log₂(bins) bits of each number, rounded up, make room for its index. Values that differ in these alone
     count as equal, and the first wins: at 128 bins that is a share of 3e-14, less than what two ways of rounding the
@@ -224,7 +256,7 @@ def packed_largest(values: Float[Array, "*shape bins"]) -> tuple[Int[Array, "*sh
         raise TypeError(f"`packed_largest` takes float64; got {values.dtype}.")
     count = values.shape[-1]
     low = (1 << max(count - 1, 1).bit_length()) - 1
-    bits = jax.lax.bitcast_convert_type(jnp.maximum(values, 0.0), jnp.int64) & ~low
+    bits = jax.lax.bitcast_convert_type(values, jnp.int64) & ~low
     best = largest(bits | (low - jnp.arange(count)))
     index = (low - (best & low)).astype(jnp.int32)
     return index, jax.lax.bitcast_convert_type(best & ~low, jnp.float64)

@@ -33,16 +33,15 @@ def noise_floor(cells: Counts) -> NoiseFloor:
     # The mean of equal cells may be rounded to below them all.
     mean = (1.0 + 4.0 * jnp.finfo(cells.dtype).eps) * total(cells) / cells.shape[0]
 
-    def terms(cell: Any, before: Any) -> tuple[Any, ...]:
+    def quiet_cells(cell: Any) -> tuple[Any, Any]:
         quiet = cell <= mean
-        step = jnp.where(quiet & (before <= mean), cell - before, 0.0)
-        return quiet.astype(cell.dtype), jnp.where(quiet, cell, 0.0), step * step
+        return quiet.astype(cell.dtype), jnp.where(quiet, cell, 0.0)
 
-    def pairs(cell: Any, before: Any) -> tuple[Any, ...]:
-        return (((cell <= mean) & (before <= mean)).astype(cell.dtype),)
+    def quiet_pairs(cell: Any, before: Any) -> tuple[Any, Any]:
+        quiet = (cell <= mean) & (before <= mean)
+        step = jnp.where(quiet, cell - before, 0.0)
+        return quiet.astype(cell.dtype), step * step
 
-    # The first cell has none before it: it is held against itself, and that pair is not counted.
-    before = jnp.concatenate([cells[:1], cells[:-1]])
-    count, level, squares = totals(terms, cells, before)
-    (paired,) = totals(pairs, cells[1:], cells[:-1])
-    return NoiseFloor(safe_divide(level, count), safe_sqrt(0.5 * safe_divide(squares, paired)))
+    count, level = totals(quiet_cells, cells)
+    pairs, squares = totals(quiet_pairs, cells[1:], cells[:-1])
+    return NoiseFloor(safe_divide(level, count), safe_sqrt(0.5 * safe_divide(squares, pairs)))

@@ -20,7 +20,17 @@ from jaxradar._types import Flag, Index, RawSweep, Scalar, Setting, Sweep
 from jaxradar.signal.pulses import SIGMA_PER_FWHM, gaussian_pulse
 from jaxradar.signal.soft import soft_position
 
-__all__ = ["ArgMax", "MatchedFilter", "Parabola", "Peak", "PeakEstimator", "SoftArgmax", "WindowEstimator", "vertex"]
+__all__ = [
+    "ArgMax",
+    "MatchedFilter",
+    "Parabola",
+    "Peak",
+    "PeakEstimator",
+    "SoftArgmax",
+    "WindowEstimator",
+    "vertex",
+    "window_at",
+]
 
 
 class Peak(eqx.Module):
@@ -54,7 +64,7 @@ class WindowEstimator(PeakEstimator):
         start, window = jnp.int32(0), sweep
         if self.half_width is not None and 2 * self.half_width + 1 < sweep.shape[0]:
             centre = first_argmax(finite(sweep)) if near is None else near
-            start, window = _taps(sweep, centre, self.half_width)
+            start, window = window_at(sweep, centre, self.half_width)
         window = finite(window)
         amplitude = largest(window)
         found = amplitude > 0
@@ -66,7 +76,7 @@ class WindowEstimator(PeakEstimator):
         """Position in bins from the start of `window`, which holds finite values only."""
 
 
-def _taps(sweep: RawSweep, centre: Index, half_width: int) -> tuple[Index, Shaped[Array, " taps"]]:
+def window_at(sweep: RawSweep, centre: Index, half_width: int) -> tuple[Index, Shaped[Array, " taps"]]:
     """The window as recorded and the bin that it starts with: a batch of sweeps never becomes floats as a whole."""
     width = 2 * half_width + 1
     start = jnp.clip(centre - half_width, 0, sweep.shape[0] - width).astype(jnp.int32)
@@ -121,7 +131,7 @@ class Parabola(PeakEstimator):
             near = jnp.round(top).astype(jnp.int32)
         else:
             top = jnp.asarray(near).astype(jnp.result_type(float))
-        start, taps = _taps(sweep, near, reach)
+        start, taps = window_at(sweep, near, reach)
         taps = finite(taps)
         amplitude = largest(taps)
         if reach < 1:

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+from collections.abc import Callable
+from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Shaped, UInt
 
 from jaxradar._numerics import as_scalar
 from jaxradar._types import Flag, Flags, RangeBins, RawSweep, Scalar, Setting
@@ -149,12 +151,25 @@ class StepDetector(eqx.Module, Generic[Observed, State]):
         """Decide on one sweep. `dt`: seconds since the sweep before, valid or not, differenced on the host."""
 
     def follow(
+        self,
+        axis: RangeAxis,
+        state: State,
+        sweeps: Callable[[], Shaped[Array, "logs sweeps bins"]],
+        flags: UInt[Array, "logs sweeps"],
+        dt: Float[Array, "logs sweeps"],
+    ) -> tuple[State, Decision]:
+        """`observe` and `track` over a block: a state for each log, decisions of shape (logs, sweeps).
+
+        `sweeps()` cuts the block out of the batch where it is read, so that it is not copied first. A detector may
+        write this otherwise where that is faster, with the same decisions.
+        """
+        observations = jax.vmap(jax.vmap(partial(self.observe, axis)))(sweeps(), flags)
+        return self.scan(axis, state, observations, dt)
+
+    def scan(
         self, axis: RangeAxis, state: State, observations: Observed, dt: Float[Array, "logs sweeps"]
     ) -> tuple[State, Decision]:
-        """`track` over a block: a state for each log, observations and decisions of shape (logs, sweeps).
-
-        A detector may write this otherwise where that is faster, with the same decisions.
-        """
+        """`track` over observations of shape (logs, sweeps), one after the other."""
 
         def step(state: State, inputs: tuple[Observed, Scalar]) -> tuple[State, Decision]:
             observation, elapsed = inputs

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Shaped, UInt
 
-from jaxradar._numerics import finite, first_argmax, first_largest, largest, smallest
-from jaxradar._types import Counts, Flag, Flags, RawSweep, Scalar, Setting, Sweep
-from jaxradar.drive import FULL_SCALE
-from jaxradar.signal.clutter import noise_floor
+from jaxradar._numerics import finite, largest, reductions, row_major, select_largest
+from jaxradar._types import Counts, Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
+from jaxradar.signal.clutter import NoiseFloor, noise_floor
 from jaxradar.signal.correlate import ProfileShift, profile_shift
-from jaxradar.signal.peaks import SoftArgmax, vertex
+from jaxradar.signal.peaks import ArgMax, SoftArgmax, vertex, window_at
 from jaxradar.systems.step.config import (
     Decision,
     MotionSample,
@@ -34,14 +35,25 @@ LONGEST_SILENCE = 5.0  # refractory times after which a detector speaks again wh
 
 
 class ProfileObservation(eqx.Module):
-    """One sweep, seen through the noise: `profile` holds the amplitudes over the floor, averaged over range cells;
-    `range_m` is the refined slant range of its strongest echo."""
+    """One sweep, seen through the noise: `profile` holds the amplitudes over the floor, averaged over range cells,
+    `highest` the largest of them; `range_m` is the refined slant range of its strongest echo."""
 
     profile: Counts
+    highest: Scalar
     range_m: Scalar
     strength: Scalar
     valid: Flag
     saturated: Flag
+
+
+class SelectedEcho(eqx.Module):
+    """The strongest echo of one sweep, found on cells: the bin to look `near`. `highest`: of the profile."""
+
+    profile: Counts
+    highest: Scalar
+    near: Index
+    strength: Scalar
+    floor: NoiseFloor
 
 
 class Memory(eqx.Module):
@@ -128,29 +140,48 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         return self.evidence
 
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> ProfileObservation:
-        cells = self._averaged(axis, finite(sweep))
+        selected = self._select(axis, self._averaged(axis, finite(sweep)))
+        window = window_at(sweep, selected.near, self._half_width(axis))
+        # The top of a saturated echo may be wider than the window: its middle is all that is known.
+        position = jnp.where(is_saturated(flags), ArgMax()(sweep).position, self._refine(*window))
+        return self._observed(axis, selected, position, flags)
+
+    def _select(self, axis: RangeAxis, cells: Counts) -> SelectedEcho:
         centres = self._centres(axis)
         floor = noise_floor(cells)
-        # Half of it from the neighbours, about a third of an echo's width: one rough cell is not an echo.
-        padded = jnp.pad(cells, 1, mode="edge")
-        smooth = (padded[:-2] + padded[1:-1] + padded[2:]) / 3.0
-        over = jnp.maximum(smooth - floor.level, 0.0)
-        selected, _ = first_largest(over * (2.0 * centres) ** self.exponent)
-        strength = over[selected]
+        weights = (2.0 * centres) ** self.exponent
+        last = cells.shape[0] - 1
+
+        def over(cell: int) -> Scalar:
+            # Over three cells: one rough cell is not an echo.
+            around = (cells[max(cell - 1, 0)] + cells[cell] + cells[min(cell + 1, last)]) / 3.0
+            return jnp.maximum(around - floor.level, 0.0)
+
+        overs = [over(cell) for cell in range(last + 1)]
+        cell, _, strength = select_largest([(one * weights[i], one) for i, one in enumerate(overs)])
         per_cell = self._bins_per_cell(axis)
-        near = selected * per_cell + per_cell // 2
-        half_width = max(1, round(0.5 * self.pulse_m / axis.bin_m))
-        refined = SoftArgmax(self.temperature, half_width=half_width)(sweep, near).position
-        return ProfileObservation(
-            # The share of the floor that is taken away beyond it keeps its own unevenness out of the profile.
-            profile=jnp.maximum(cells - 1.1 * floor.level, 0.0),
-            # The top of a saturated echo may be wider than the window: its middle is all that is known.
-            range_m=axis.at(jnp.where(*_clipped_top(sweep), refined)),
+        profile = _over_floor(cells, floor.level)
+        return SelectedEcho(
+            profile=profile,
+            highest=largest(profile),
+            near=cell * per_cell + per_cell // 2,
             strength=strength,
+            floor=floor,
+        )
+
+    def _refine(self, start: Index, taps: RawSweep) -> Scalar:
+        return start + SoftArgmax(self.temperature)(taps).position
+
+    def _observed(self, axis: RangeAxis, echo: SelectedEcho, position: Scalar, flags: Flags) -> ProfileObservation:
+        return ProfileObservation(
+            profile=echo.profile,
+            highest=echo.highest,
+            range_m=axis.at(position),
+            strength=echo.strength,
             valid=usable(flags)
-            & (strength > 0)
-            & (strength > self.over_floor * floor.level)
-            & (strength > self.over_scatter * floor.scatter),
+            & (echo.strength > 0)
+            & (echo.strength > self.over_floor * echo.floor.level)
+            & (echo.strength > self.over_scatter * echo.floor.scatter),
             saturated=is_saturated(flags),
         )
 
@@ -169,23 +200,72 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     ) -> tuple[DefaultState, Decision]:
         memory, recalled = self._remember(state.memory, observation, dt)
         shift = self._compare(axis, observation, recalled)
-        echo, decision = self._decide(axis, state.echo, observation, recalled, shift, dt)
+        look = partial(window_at, observation.profile, half_width=self._around(axis))
+        echo, decision = self._decide(axis, look, state.echo, observation, recalled, shift, dt)
         return DefaultState(memory, echo), decision
 
     def follow(
-        self, axis: RangeAxis, state: DefaultState, observations: ProfileObservation, dt: Float[Array, "logs sweeps"]
+        self,
+        axis: RangeAxis,
+        state: DefaultState,
+        sweeps: Callable[[], Shaped[Array, "logs sweeps bins"]],
+        flags: UInt[Array, "logs sweeps"],
+        dt: Float[Array, "logs sweeps"],
     ) -> tuple[DefaultState, Decision]:
-        # What remembers goes through time, a step for all logs at once; what is dear is done for all sweeps at once.
-        seen, steps = jax.tree.map(lambda one: jnp.swapaxes(one, 0, 1), (observations, dt))
-        memory, recalled = jax.lax.scan(
-            lambda before, now: jax.vmap(self._remember)(before, *now), state.memory, (seen, steps)
+        """`observe` and `track`, taken apart: only what remembers goes through time, a step for all logs at once.
+
+        But for what reads the sweeps as recorded, the logs are the last axis of all arrays, so that they fill the
+        processor's registers whatever the number of cells is.
+        """
+        each, side_by_side, logs = _by_log_and_step, _by_step_and_log, partial(jax.vmap, in_axes=-1, out_axes=-1)
+        state = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), state)
+        cells = row_major(each(lambda sweep: self._averaged(axis, finite(sweep)))(sweeps()))
+        flags, steps = row_major(flags.T), row_major(dt.T)
+        with reductions("plain"):
+            selected = side_by_side(partial(self._select, axis))(row_major(jnp.transpose(cells, (1, 2, 0))))
+            selected = jax.tree.map(row_major, selected)
+        window = each(lambda sweep, near: window_at(sweep, near, self._half_width(axis)))(sweeps(), selected.near.T)
+        start, taps = row_major(window[0].T), row_major(jnp.transpose(row_major(window[1]), (1, 2, 0)))
+        with reductions("plain"):
+            refined = side_by_side(self._refine)(start, taps)
+        position = jax.lax.cond(
+            jnp.any(is_saturated(flags)),
+            lambda: jnp.where(is_saturated(flags), each(ArgMax())(sweeps()).position.T, refined),
+            lambda: refined,
         )
-        shifts = jax.vmap(jax.vmap(partial(self._compare, axis)))(seen, recalled)
-        decide = jax.vmap(partial(self._decide, axis))
-        echo, decisions = jax.lax.scan(
-            lambda before, now: decide(before, *now), state.echo, (seen, recalled, shifts, steps)
-        )
-        return DefaultState(memory, echo), jax.tree.map(lambda one: jnp.swapaxes(one, 0, 1), decisions)
+        seen = jax.tree.map(row_major, side_by_side(partial(self._observed, axis))(selected, position, flags))
+        with reductions("plain"):
+            memory, recalled = jax.lax.scan(
+                lambda before, now: logs(self._remember)(before, *now), state.memory, (seen, steps)
+            )
+            shifts = jax.tree.map(row_major, side_by_side(partial(self._compare, axis))(seen, recalled))
+            echo, decisions = self._follow_echo(
+                axis, state.echo, cells, selected.floor.level, seen, recalled, shifts, steps
+            )
+        after = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), DefaultState(memory, echo))
+        return after, jax.tree.map(jnp.transpose, decisions)
+
+    def _follow_echo(
+        self, axis: RangeAxis, echo: Followed, cells: Array, levels: Array, *by_step: Any
+    ) -> tuple[Followed, Decision]:
+        """An echo is followed in a few cells of each profile, which are read where they lie together."""
+        seen, recalled, *rest = by_step
+        seen = eqx.tree_at(lambda one: one.profile, seen, levels)
+        recalled = eqx.tree_at(lambda one: one.reference, recalled, levels)
+
+        def one(step: Any, profiles: Any, level: Any, before: Followed, *now: Any) -> tuple[Followed, Decision]:
+            def look(middle: Index) -> tuple[Index, Counts]:
+                start, taps = window_at(profiles[step], middle, self._around(axis))
+                return start, _over_floor(taps, level)
+
+            return self._decide(axis, look, before, *now)
+
+        def all_logs(before: Followed, inputs: Any) -> tuple[Followed, Decision]:
+            step, *now = inputs
+            return jax.vmap(partial(one, step))(cells, now[0], before, *now[1:])
+
+        steps = jnp.arange(cells.shape[1])
+        return jax.lax.scan(all_logs, echo, (steps, levels, seen, recalled, *rest))
 
     def _remember(self, memory: Memory, observation: ProfileObservation, dt: Scalar) -> tuple[Memory, Recalled]:
         seen = observation.valid
@@ -210,6 +290,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     def _decide(
         self,
         axis: RangeAxis,
+        look: Callable[[Index], tuple[Index, Counts]],
         state: Followed,
         observation: ProfileObservation,
         recalled: Recalled,
@@ -236,7 +317,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         stays = jnp.abs(observation.range_m - state.range_m) <= self.pulse_m
         carried = ~stays & (statistic > self.release)
         expected_m = jnp.where(carried, state.reference_m + shift_m, state.range_m)
-        followed_m, lost = self._follow(centres, observation, expected_m)
+        followed_m, lost = self._follow(centres, look, observation, expected_m)
         # Forgotten as slowly as it was gathered: one sweep that looks like the old echo does not bring it back.
         passed = jnp.where(compared, jnp.maximum(gap, 0.0), 0.0)
         lost_s = jnp.maximum(state.lost_s + jnp.where(lost, passed, -passed), 0.0)
@@ -271,17 +352,31 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
             event=event,
         )
 
-    def _follow(self, centres: Counts, observation: ProfileObservation, expected_m: Scalar) -> tuple[Scalar, Flag]:
-        """The range of the echo nearest to where it is expected, and whether a far stronger one stands elsewhere."""
+    def _follow(
+        self,
+        centres: Counts,
+        look: Callable[[Index], tuple[Index, Counts]],
+        observation: ProfileObservation,
+        expected_m: Scalar,
+    ) -> tuple[Scalar, Flag]:
+        """The range of the echo nearest to where it is expected, and whether a far stronger one stands elsewhere.
+
+        `look` gives the profile around a cell, and the cell that this begins with.
+        """
         near = jnp.abs(observation.range_m - expected_m) <= self.pulse_m
-        profile = observation.profile
-        window = jnp.exp(-0.5 * ((centres - expected_m) / (0.5 * self.pulse_m)) ** 2)
-        top = first_argmax(profile * window)
+        cell_m = centres[1] - centres[0]
+        start, taps = look(jnp.round((expected_m - centres[0]) / cell_m).astype(jnp.int32))
+        places = [centres[0] + cell_m * (start + tap) for tap in range(taps.shape[0])]
+        pull = [jnp.exp(-0.5 * ((place - expected_m) / (0.5 * self.pulse_m)) ** 2) for place in places]
         # A peak in the first or last cell has one neighbour: counted twice, it puts the vertex on the cell.
-        left, right = jnp.abs(top - 1), profile.shape[0] - 1 - jnp.abs(profile.shape[0] - 2 - top)
-        offset, height = vertex(profile[left], profile[top], profile[right])
-        local_m = centres[top] + offset * (centres[1] - centres[0])
-        weak = height < 0.5 * largest(profile)
+        last = taps.shape[0] - 1
+        sides = [(taps[abs(i - 1)], taps[last - abs(last - i - 1)]) for i in range(last + 1)]
+        _, _, local_m, left, top, right = select_largest(
+            [(taps[i] * pull[i], places[i], sides[i][0], taps[i], sides[i][1]) for i in range(last + 1)]
+        )
+        offset, height = vertex(left, top, right)
+        local_m = local_m + offset * cell_m
+        weak = height < 0.5 * observation.highest
         # What is left around a vanished echo is noise: the range is held until another is taken up.
         local_m = jnp.where(weak | (jnp.abs(local_m - expected_m) > self.pulse_m), expected_m, local_m)
         return jnp.where(near, observation.range_m, local_m), ~near & weak
@@ -290,20 +385,35 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         # At least two cells, or there is nothing to shift.
         return max(1, min(round(self.cell_m / axis.bin_m), axis.bins // 2))
 
+    def _around(self, axis: RangeAxis) -> int:
+        """How many cells to either side of where an echo is expected it is looked for in."""
+        cells = axis.bins // self._bins_per_cell(axis)
+        return min(math.ceil(self.pulse_m / self.cell_m) + 1, (cells - 1) // 2)
+
+    def _half_width(self, axis: RangeAxis) -> int:
+        return min(max(1, round(0.5 * self.pulse_m / axis.bin_m)), (axis.bins - 1) // 2)
+
     def _averaged(self, axis: RangeAxis, values: Sweep) -> Counts:
         per_cell = self._bins_per_cell(axis)
         count = axis.bins // per_cell
-        return values[: count * per_cell].reshape(count, per_cell).mean(axis=1)
+        # Divided before it is summed: what follows a sum is a loop of its own.
+        return jnp.sum((values[: count * per_cell] / per_cell).reshape(count, per_cell), axis=1)
 
     def _centres(self, axis: RangeAxis) -> Counts:
         """Slant range of each cell's middle in metres."""
         return self._averaged(axis, jnp.asarray(axis.range_m))
 
 
-def _clipped_top(sweep: RawSweep) -> tuple[Flag, Scalar]:
-    """Whether the sweep reaches full scale, and the middle of the first run of bins that do."""
-    full = jnp.asarray(sweep) == FULL_SCALE
-    bins = jnp.arange(sweep.shape[0], dtype=jnp.int32)
-    first = smallest(jnp.where(full, bins, sweep.shape[0]))
-    after = smallest(jnp.where(full | (bins < first), sweep.shape[0], bins))
-    return first < sweep.shape[0], 0.5 * (first + after - 1).astype(jnp.result_type(float))
+def _over_floor(cells: Counts, level: Scalar) -> Counts:
+    # The share of the floor that is taken away beyond it keeps its own unevenness out of the profile.
+    return jnp.maximum(cells - 1.1 * level, 0.0)
+
+
+def _by_log_and_step(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Over arrays of shape (logs, sweeps, ...)."""
+    return jax.vmap(jax.vmap(function))
+
+
+def _by_step_and_log(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Over arrays of shape (sweeps, ..., logs)."""
+    return jax.vmap(jax.vmap(function, in_axes=-1, out_axes=-1))

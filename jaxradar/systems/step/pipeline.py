@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -20,7 +23,8 @@ from jaxradar.drive import NANOSECONDS, Motion, SensorSeries, SweepFlag
 from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
 from jaxradar.systems.step.result import StepEvent, StepTrace
 
-BLOCK = 16384  # sweeps; what they become stays in the processor's cache
+FEWEST_LOGS = 64  # a thread's share, below which its vectors are not filled
+BLOCK = 4096  # sweeps; what they become stays in the processor's cache
 
 __all__ = ["detect", "detect_batch", "event_weights", "precision", "run", "run_batch", "thin", "time_steps"]
 
@@ -57,24 +61,35 @@ def run_batch(
     flags: UInt[Array | np.ndarray, "logs sweeps"],
     dt: Float[Array | np.ndarray, "logs sweeps"],
     lengths: Int[Array | np.ndarray, " logs"],
-) -> Decision:
+    pick: Callable[[Decision], Any] = lambda decisions: decisions,
+) -> Any:
     """All decisions on a batch of series of one range axis, each field (logs, sweeps); invalid beyond `lengths`.
 
-    Goes through the batch in blocks of about `BLOCK` sweeps, so that no temporary grows with the batch. Pure, to be
-    jit-compiled and differentiated; call it inside `precision(detector)`. `detect_batch` is this, compiled.
+    Goes through the batch in blocks of about `BLOCK` sweeps, so that no temporary grows with the batch; of each,
+    only what `pick` makes of its decisions is kept. Pure, to be jit-compiled and differentiated; call it inside
+    `precision(detector)`. `detect_batch` is this, compiled.
     """
-    sweeps = jnp.asarray(sweeps)
-    beyond = jnp.arange(sweeps.shape[1]) >= jnp.asarray(lengths)[:, None]
-    flags = jnp.where(beyond, flags | np.uint16(SweepFlag.NO_AMPLITUDES), flags).astype(jnp.uint16)
-    dt = jnp.asarray(dt, jnp.result_type(float))
-    return (_by_time if detector.sequential else _by_logs)(detector, axis, sweeps, flags, dt)
+    block = partial(_block, detector, axis, pick)
+    start = partial(_initial, detector, axis)
+    inputs = (jnp.asarray(sweeps), jnp.asarray(flags), jnp.asarray(dt, jnp.result_type(float)), jnp.asarray(lengths))
+    return (_by_time if detector.sequential else _by_logs)(block, start, *inputs)
 
 
 def _block(
-    detector: StepDetector[Any, Any], axis: RangeAxis, state: Any, sweeps: Array, flags: Array, dt: Array
-) -> tuple[Any, Decision]:
-    observations = jax.vmap(jax.vmap(partial(detector.observe, axis)))(sweeps, flags)
-    return detector.follow(axis, state, observations, dt)
+    detector: StepDetector[Any, Any],
+    axis: RangeAxis,
+    pick: Callable[[Decision], Any],
+    state: Any,
+    sweeps: Callable[[], Array],
+    flags: Array,
+    dt: Array,
+    left: Array,
+) -> tuple[Any, Any]:
+    """One block, of which the first `left` sweeps of each log are real."""
+    beyond = jnp.arange(flags.shape[1]) >= left[:, None]
+    flags = jnp.where(beyond, flags | np.uint16(SweepFlag.NO_AMPLITUDES), flags).astype(jnp.uint16)
+    state, decisions = detector.follow(axis, state, sweeps, flags, dt)
+    return state, pick(decisions)
 
 
 def _initial(detector: StepDetector[Any, Any], axis: RangeAxis, logs: int) -> Any:
@@ -88,41 +103,44 @@ def _part(count: int, wanted: int) -> int:
     return divisor if 2 * divisor >= wanted else wanted
 
 
-def _by_logs(detector: StepDetector[Any, Any], axis: RangeAxis, *inputs: Array) -> Decision:
+def _by_logs(block: Callable[..., Any], start: Callable[[int], Any], *inputs: Array) -> Any:
     """A few logs at a time, each from its first sweep to its last."""
     logs, sweeps = inputs[1].shape
     part = _part(logs, BLOCK // sweeps)
     groups = logs // part
 
-    def one(group: Any) -> Decision:
-        return _block(detector, axis, _initial(detector, axis, group[1].shape[0]), *group)[1]
+    def one(group: Any) -> Any:
+        sweeps, *rest = group
+        return block(start(sweeps.shape[0]), lambda: sweeps, *rest)[1]
 
-    head = tuple(one_input[: groups * part].reshape(groups, part, *one_input.shape[1:]) for one_input in inputs)
-    done = jax.lax.map(one, head) if groups > 1 else jax.tree.map(lambda leaf: leaf[None], one([x[0] for x in head]))
-    done = jax.tree.map(lambda leaf: leaf.reshape(groups * part, *leaf.shape[2:]), done)
+    if groups == 1:
+        return one(inputs)
+    head = tuple(values[: groups * part].reshape(groups, part, *values.shape[1:]) for values in inputs)
+    done = jax.tree.map(lambda leaf: leaf.reshape(groups * part, *leaf.shape[2:]), jax.lax.map(one, head))
     if groups * part == logs:
         return done
-    rest = one([one_input[groups * part :] for one_input in inputs])
+    rest = one([values[groups * part :] for values in inputs])
     return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), done, rest)
 
 
-def _by_time(detector: StepDetector[Any, Any], axis: RangeAxis, *inputs: Array) -> Decision:
+def _by_time(block: Callable[..., Any], start: Callable[[int], Any], *inputs: Array) -> Any:
     """All logs side by side, a few sweeps at a time."""
-    logs, sweeps = inputs[1].shape
+    *columns, lengths = inputs
+    logs, sweeps = columns[1].shape
     part = _part(sweeps, BLOCK // logs)
     blocks = sweeps // part
 
-    def one(state: Any, start: Any) -> tuple[Any, Decision]:
-        return _block(
-            detector, axis, state, *(jax.lax.dynamic_slice_in_dim(one_input, start, part, 1) for one_input in inputs)
-        )
+    def one(state: Any, first: Any) -> Any:
+        cut = [partial(jax.lax.dynamic_slice_in_dim, values, first, part, 1) for values in columns]
+        return block(state, cut[0], cut[1](), cut[2](), lengths - first)
 
-    state, done = jax.lax.scan(one, _initial(detector, axis, logs), part * jnp.arange(blocks))
+    state, done = jax.lax.scan(one, start(logs), part * jnp.arange(blocks, dtype=lengths.dtype))
     done = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, 1).reshape(logs, blocks * part), done)
     if blocks * part == sweeps:
         return done
-    _, rest = _block(detector, axis, state, *(one_input[:, blocks * part :] for one_input in inputs))
-    return jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), done, rest)
+    rest = [values[:, blocks * part :] for values in columns]
+    ending = block(state, lambda: rest[0], *rest[1:], lengths - blocks * part)[1]
+    return jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), done, ending)
 
 
 def event_weights(
@@ -141,8 +159,12 @@ _run = compiled(run)
 
 
 def _chosen(fields: tuple[str, ...], *arguments: Any) -> dict[str, Array]:
-    decisions = run_batch(*arguments)
-    return {name: getattr(decisions, name) for name in fields}
+    return run_batch(*arguments, pick=lambda decisions: {name: _single(getattr(decisions, name)) for name in fields})
+
+
+def _single(field: Array) -> Array:
+    # The decisions were made in the detector's own precision; what is given out fits the sensor's.
+    return field.astype(jnp.float32) if jnp.issubdtype(field.dtype, jnp.floating) else field
 
 
 _batch = compiled(_chosen, static_argnums=0)
@@ -160,15 +182,42 @@ def detect_batch(
     """`run_batch`, compiled, giving only those `fields` of the `Decision`s: what is not asked for is not computed.
 
     Aligned NumPy arrays (64 bytes) and memory-mapped files enter as they are, without a copy. The first call for
-    each shape compiles. Returns before the result is there, as JAX does: `jax.block_until_ready` waits for it.
+    each shape compiles. Floats are given out in single precision. Returns before the result is there, as JAX does:
+    `jax.block_until_ready` waits for it.
     Raises `ConfigError` for an unknown field.
     """
     known = [field.name for field in dataclasses.fields(Decision)]
     for name in fields:
         if name not in known:
             raise ConfigError(f"unknown field `{name}`{nearest(name, known)}; expected {', '.join(known)}.")
+    run_part = partial(_batch_part, tuple(fields), detector, axis)
+    inputs = (sweeps, flags, dt, lengths)
+    workers = _workers(detector, len(lengths))
+    if workers == 1:
+        return run_part(*inputs)
+    # Going through time is one thread's work: a few logs for each.
+    host = [np.asarray(values) for values in inputs]
+    ends = [len(lengths) * part // workers for part in range(workers + 1)]
+    with ThreadPoolExecutor(workers) as pool:
+        parts = pool.map(
+            lambda low, high: jax.block_until_ready(run_part(*(values[low:high] for values in host))), ends, ends[1:]
+        )
+        return {name: jnp.concatenate(one) for name, one in _transposed(list(parts)).items()}
+
+
+def _batch_part(fields: tuple[str, ...], detector: StepDetector[Any, Any], *arguments: Any) -> dict[str, Array]:
     with precision(detector):
-        return _batch(tuple(fields), detector, axis, sweeps, flags, dt, lengths)
+        return _batch(fields, detector, *arguments)
+
+
+def _workers(detector: StepDetector[Any, Any], logs: int) -> int:
+    if not detector.sequential or jax.default_backend() != "cpu":
+        return 1
+    return max(1, min(len(os.sched_getaffinity(0)), logs // FEWEST_LOGS))
+
+
+def _transposed(parts: list[dict[str, Array]]) -> dict[str, list[Array]]:
+    return {name: [part[name] for part in parts] for name in parts[0]}
 
 
 def _padded_length(count: int) -> int:

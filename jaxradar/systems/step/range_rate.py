@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, Shaped, UInt
 
 from jaxradar._numerics import finite, first_largest, largest
 from jaxradar._types import Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
@@ -73,18 +76,30 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
         return after, decision
 
     def follow(
-        self, axis: RangeAxis, state: RangeRateState, observations: SweepPeak, dt: jax.Array
+        self,
+        axis: RangeAxis,
+        state: RangeRateState,
+        sweeps: Callable[[], Shaped[Array, "logs sweeps bins"]],
+        flags: UInt[Array, "logs sweeps"],
+        dt: Float[Array, "logs sweeps"],
     ) -> tuple[RangeRateState, Decision]:
+        observations = jax.vmap(jax.vmap(partial(self.observe, axis)))(sweeps(), flags)
+        # Computed once, whatever is made of them; each apart, so that what nobody asks for is still left out.
+        observations = jax.tree.map(jax.lax.optimization_barrier, observations)
+
         def gapless() -> tuple[RangeRateState, Decision]:
-            before = jnp.concatenate([state.range_m[:, None], observations.range_m[:, :-1]], axis=1)
-            elapsed = dt.at[:, 0].add(state.elapsed_s)
-            seen = jnp.ones_like(observations.valid).at[:, 0].set(state.seen)
+            first = jnp.arange(dt.shape[1]) == 0
+            # A padded slice stays in the loop of what is made of it; a concatenation is written out.
+            before = jnp.pad(observations.range_m[:, :-1], ((0, 0), (1, 0)))
+            before = jnp.where(first, state.range_m[:, None], before)
+            elapsed = jnp.where(first, dt + state.elapsed_s[:, None], dt)
+            seen = ~first | state.seen[:, None]
             decision = self._decide(observations, before, elapsed, seen)
             last = decision.range_m[:, -1]
             return RangeRateState(last, jnp.zeros_like(last), jnp.ones_like(state.seen)), decision
 
         def with_gaps() -> tuple[RangeRateState, Decision]:
-            return super(RangeRateBase, self).follow(axis, state, observations, dt)
+            return self.scan(axis, state, observations, dt)
 
         # Where every sweep is valid the sweep before is the last valid one, and nothing has to wait for another.
         return jax.lax.cond(jnp.all(observations.valid), gapless, with_gaps)
@@ -93,6 +108,8 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
         known = now.valid & seen & (elapsed > 0)
         # The divisor is guarded, so that a gradient through a sweep at Δt = 0 is 0 and not NaN.
         speed = jnp.where(known, (now.range_m - before_m) / jnp.where(known, elapsed, 1.0), 0.0)
+        # What several outputs are made of is computed once: the compiler would put it into the loop of each of them.
+        speed = jax.lax.optimization_barrier(speed)
         statistic = jnp.abs(speed)
         return Decision(
             range_m=jnp.where(now.valid, now.range_m, before_m),
