@@ -21,6 +21,7 @@ from jaxradar._numerics.staged import (
     smallest,
     total,
     totals,
+    value_at,
 )
 
 __all__ = [
@@ -43,4 +44,5 @@ __all__ = [
     "soft_exceeds",
     "total",
     "totals",
+    "value_at",
 ]

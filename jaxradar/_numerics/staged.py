@@ -31,6 +31,7 @@ __all__ = [
     "smallest",
     "total",
     "totals",
+    "value_at",
 ]
 
 LANES = 32
@@ -168,20 +169,19 @@ def first_argmax(values: Values) -> Int[Array, "*shape"]:
     return first_largest(values)[0]
 
 
-def first_largest(values: Values, *others: Any) -> tuple[Array, ...]:
-    """Index of the largest value, the first of equals, the value, and what the `others` hold there; exact.
+def first_largest(values: Values) -> tuple[Int[Array, "*shape"], Reduced]:
+    """Index of the largest value, the first of equals, and the value; exact. `values` must hold no NaN.
 
-    `values` must hold no NaN. No gradient flows through the index or the value, through the others it does.
+    No gradient flows through either.
     """
     values = jax.lax.stop_gradient(jnp.asarray(values))
-    count = values.shape[-1]
-    index, top = _keyed(values) if _staged(values) and _fits_key(values.dtype) else _searched(values)
-    if others:
-        # All made once, whatever is read; and read by a sum, as a gather would turn arrays of sweeps round.
-        index, *others = (jax.lax.optimization_barrier(one) for one in (index, *others))
-        here = jnp.arange(count, dtype=jnp.int32) == index[..., None]
-        return index, top, *(total(jnp.where(here, one, 0)) for one in others)
-    return index, top
+    return _keyed(values) if _staged(values) and _fits_key(values.dtype) else _searched(values)
+
+
+def value_at(values: Values, index: Int[Array, "*shape"]) -> Reduced:
+    """What `values` hold at `index`, by a sum: a gather would turn round an array in which sweeps lie side by side."""
+    here = jnp.arange(values.shape[-1], dtype=jnp.int32) == index[..., None]
+    return total(jnp.where(here, values, jnp.zeros((), values.dtype)))
 
 
 def select_largest(candidates: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:

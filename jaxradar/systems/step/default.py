@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Shaped, UInt
 
-from jaxradar._numerics import finite, largest, reductions, row_major, select_largest
+from jaxradar._numerics import finite, first_argmax, largest, reductions, row_major, select_largest, value_at
 from jaxradar._types import Counts, Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
 from jaxradar.signal.clutter import NoiseFloor, noise_floor
 from jaxradar.signal.correlate import ProfileShift, profile_shift
@@ -73,6 +73,16 @@ class Recalled(eqx.Module):
     share: Scalar
     compared: Flag
     fresh: Flag
+
+
+class Evidence(eqx.Module):
+    """`statistic`: what a shift explains more than none; `explains`: whether it explains enough. `expected_m`: where
+    the followed echo should be, in the range cell `cell`."""
+
+    statistic: Scalar
+    explains: Flag
+    expected_m: Scalar
+    cell: Index
 
 
 class Followed(eqx.Module):
@@ -200,8 +210,9 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     ) -> tuple[DefaultState, Decision]:
         memory, recalled = self._remember(state.memory, observation, dt)
         shift = self._compare(axis, observation, recalled)
-        look = partial(window_at, observation.profile, half_width=self._around(axis))
-        echo, decision = self._decide(axis, look, state.echo, observation, recalled, shift, dt)
+        evidence = self._weigh(axis, state.echo, observation, recalled, shift)
+        around = window_at(observation.profile, evidence.cell, self._around(axis))
+        echo, decision = self._decide(axis, state.echo, observation, recalled, evidence, around, dt)
         return DefaultState(memory, echo), decision
 
     def follow(
@@ -239,33 +250,24 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
                 lambda before, now: logs(self._remember)(before, *now), state.memory, (seen, steps)
             )
             shifts = jax.tree.map(row_major, side_by_side(partial(self._compare, axis))(seen, recalled))
-            echo, decisions = self._follow_echo(
-                axis, state.echo, cells, selected.floor.level, seen, recalled, shifts, steps
+            follow_echo = partial(self._follow_echo, axis, cells)
+            echo, decisions = jax.lax.scan(
+                follow_echo,
+                state.echo,
+                (jnp.arange(cells.shape[1]), selected.floor.level, seen, recalled, shifts, steps),
             )
         after = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), DefaultState(memory, echo))
         return after, jax.tree.map(jnp.transpose, decisions)
 
-    def _follow_echo(
-        self, axis: RangeAxis, echo: Followed, cells: Array, levels: Array, *by_step: Any
-    ) -> tuple[Followed, Decision]:
-        """An echo is followed in a few cells of each profile, which are read where they lie together."""
-        seen, recalled, *rest = by_step
-        seen = eqx.tree_at(lambda one: one.profile, seen, levels)
-        recalled = eqx.tree_at(lambda one: one.reference, recalled, levels)
-
-        def one(step: Any, profiles: Any, level: Any, before: Followed, *now: Any) -> tuple[Followed, Decision]:
-            def look(middle: Index) -> tuple[Index, Counts]:
-                start, taps = window_at(profiles[step], middle, self._around(axis))
-                return start, _over_floor(taps, level)
-
-            return self._decide(axis, look, before, *now)
-
-        def all_logs(before: Followed, inputs: Any) -> tuple[Followed, Decision]:
-            step, *now = inputs
-            return jax.vmap(partial(one, step))(cells, now[0], before, *now[1:])
-
-        steps = jnp.arange(cells.shape[1])
-        return jax.lax.scan(all_logs, echo, (steps, levels, seen, recalled, *rest))
+    def _follow_echo(self, axis: RangeAxis, cells: Array, echo: Followed, now: Any) -> tuple[Followed, Decision]:
+        """The step of time for all logs at once, with the few cells that it needs read where they lie together."""
+        step, levels, seen, recalled, shifts, dt = now
+        logs = partial(jax.vmap, in_axes=-1, out_axes=-1)
+        evidence = logs(partial(self._weigh, axis))(echo, seen, recalled, shifts)
+        read = jax.vmap(lambda profiles, middle: window_at(profiles[step], middle, self._around(axis)))
+        start, taps = read(cells, evidence.cell)
+        around = start, _over_floor(row_major(taps.T), levels)
+        return logs(partial(self._decide, axis))(echo, seen, recalled, evidence, around, dt)
 
     def _remember(self, memory: Memory, observation: ProfileObservation, dt: Scalar) -> tuple[Memory, Recalled]:
         seen = observation.valid
@@ -287,37 +289,46 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         reach = round(self.reach_m / (self._bins_per_cell(axis) * axis.bin_m))
         return profile_shift(observation.profile, recalled.reference, max(1, min(reach, cells - 1)))
 
+    def _weigh(
+        self, axis: RangeAxis, state: Followed, observation: ProfileObservation, recalled: Recalled, shift: ProfileShift
+    ) -> Evidence:
+        centres = self._centres(axis)
+        cell_m = centres[1] - centres[0]
+        shift_m = shift.cells * cell_m
+        explained = shift.unexplained_still - shift.unexplained_moved
+        moved = jnp.abs(shift_m) >= self.least_shift_m
+        statistic = jnp.where(recalled.compared & moved, jnp.maximum(explained, 0.0), 0.0)
+        stays = jnp.abs(observation.range_m - state.range_m) <= self.pulse_m
+        carried = ~stays & (statistic > self.release)
+        expected_m = jnp.where(carried, state.reference_m + shift_m, state.range_m)
+        return Evidence(
+            statistic=statistic,
+            explains=shift.unexplained_moved <= self.most_unexplained,
+            expected_m=expected_m,
+            cell=jnp.round((expected_m - centres[0]) / cell_m).astype(jnp.int32),
+        )
+
     def _decide(
         self,
         axis: RangeAxis,
-        look: Callable[[Index], tuple[Index, Counts]],
         state: Followed,
         observation: ProfileObservation,
         recalled: Recalled,
-        shift: ProfileShift,
+        evidence: Evidence,
+        around: tuple[Index, Counts],
         dt: Scalar,
     ) -> tuple[Followed, Decision]:
         seen, compared, gap = observation.valid, recalled.compared, recalled.gap_s
+        statistic = evidence.statistic
         age = jnp.where(recalled.fresh, 0.0, state.age_s + jnp.maximum(dt, 0.0))
-
-        centres = self._centres(axis)
-        shift_m = shift.cells * (centres[1] - centres[0])
-        explained = shift.unexplained_still - shift.unexplained_moved
-        moved = jnp.abs(shift_m) >= self.least_shift_m
-        statistic = jnp.where(compared & moved, jnp.maximum(explained, 0.0), 0.0)
-
         quiet = state.quiet_s + jnp.maximum(dt, 0.0)
         ready = (age >= self.settle_s) & state.armed & (gap > 0)
-        explains = shift.unexplained_moved <= self.most_unexplained
-        event = compared & ready & explains & (statistic > self.evidence)
+        event = compared & ready & evidence.explains & (statistic > self.evidence)
         # Motion that never stops would keep the evidence up: after a while it may speak again all the same.
         rested = (statistic < self.release) | (quiet >= LONGEST_SILENCE * self.refractory_s)
         rearmed = rested & (quiet >= self.refractory_s)
 
-        stays = jnp.abs(observation.range_m - state.range_m) <= self.pulse_m
-        carried = ~stays & (statistic > self.release)
-        expected_m = jnp.where(carried, state.reference_m + shift_m, state.range_m)
-        followed_m, lost = self._follow(centres, look, observation, expected_m)
+        followed_m, lost = self._follow(axis, observation, evidence.expected_m, *around)
         # Forgotten as slowly as it was gathered: one sweep that looks like the old echo does not bring it back.
         passed = jnp.where(compared, jnp.maximum(gap, 0.0), 0.0)
         lost_s = jnp.maximum(state.lost_s + jnp.where(lost, passed, -passed), 0.0)
@@ -353,28 +364,22 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         )
 
     def _follow(
-        self,
-        centres: Counts,
-        look: Callable[[Index], tuple[Index, Counts]],
-        observation: ProfileObservation,
-        expected_m: Scalar,
+        self, axis: RangeAxis, observation: ProfileObservation, expected_m: Scalar, start: Index, taps: Counts
     ) -> tuple[Scalar, Flag]:
         """The range of the echo nearest to where it is expected, and whether a far stronger one stands elsewhere.
 
-        `look` gives the profile around a cell, and the cell that this begins with.
+        `taps`: the profile around there, from the cell `start` on.
         """
         near = jnp.abs(observation.range_m - expected_m) <= self.pulse_m
+        centres = self._centres(axis)
         cell_m = centres[1] - centres[0]
-        start, taps = look(jnp.round((expected_m - centres[0]) / cell_m).astype(jnp.int32))
-        places = [centres[0] + cell_m * (start + tap) for tap in range(taps.shape[0])]
-        pull = [jnp.exp(-0.5 * ((place - expected_m) / (0.5 * self.pulse_m)) ** 2) for place in places]
+        places = centres[0] + cell_m * (start + jnp.arange(taps.shape[0]))
+        top = first_argmax(taps * jnp.exp(-0.5 * ((places - expected_m) / (0.5 * self.pulse_m)) ** 2))
         # A peak in the first or last cell has one neighbour: counted twice, it puts the vertex on the cell.
         last = taps.shape[0] - 1
-        sides = [(taps[abs(i - 1)], taps[last - abs(last - i - 1)]) for i in range(last + 1)]
-        _, _, local_m, left, top, right = select_largest(
-            [(taps[i] * pull[i], places[i], sides[i][0], taps[i], sides[i][1]) for i in range(last + 1)]
-        )
-        offset, height = vertex(left, top, right)
+        sides = jnp.abs(top - 1), last - jnp.abs(last - top - 1)
+        offset, height = vertex(value_at(taps, sides[0]), value_at(taps, top), value_at(taps, sides[1]))
+        local_m = centres[0] + cell_m * (start + top)
         local_m = local_m + offset * cell_m
         weak = height < 0.5 * observation.highest
         # What is left around a vanished echo is noise: the range is held until another is taken up.
