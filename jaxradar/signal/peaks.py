@@ -136,16 +136,22 @@ class Parabola(PeakEstimator):
         amplitude = largest(taps)
         if reach < 1:
             return Peak(jnp.where(amplitude > 0, top, 0.0), amplitude, amplitude > 0)
+        found = amplitude > 0
+        position = self.through(taps, top - start) + start
+        return Peak(jnp.where(found, position, 0.0), amplitude, found)
+
+    @staticmethod
+    def through(taps: Sweep, top: Scalar | Index) -> Scalar:
+        """Vertex of the parabola through an odd number of taps, in bins from the first; `top` if none is among them."""
+        reach = (taps.shape[0] - 1) // 2
         steps = np.arange(-reach, reach + 1, dtype=np.float64)
         square = steps**2 - np.mean(steps**2)
         slope = total(taps * jnp.asarray(steps / np.sum(steps**2), taps.dtype))
         curvature = total(taps * jnp.asarray(square / np.sum(square**2), taps.dtype))
         # Relative to the taps' own size: rounding makes a plateau's curvature tiny rather than 0.
-        peaked = curvature < -1e-6 * amplitude
+        peaked = curvature < -1e-6 * largest(taps)
         offset = jnp.where(peaked, -0.5 * slope / jnp.where(peaked, curvature, -1.0), 0.0)
-        inside = peaked & (jnp.abs(offset) <= reach)
-        found = amplitude > 0
-        return Peak(jnp.where(found, jnp.where(inside, start + reach + offset, top), 0.0), amplitude, found)
+        return jnp.where(peaked & (jnp.abs(offset) <= reach), reach + offset, top)
 
 
 class SoftArgmax(WindowEstimator):
@@ -161,7 +167,7 @@ class SoftArgmax(WindowEstimator):
     half_width: int | None = eqx.field(static=True, default=None, kw_only=True)
 
     def locate(self, window: Sweep) -> Scalar:
-        return soft_position(window, self.temperature)
+        return soft_position(window, self.temperature)[0]
 
 
 class MatchedFilter(WindowEstimator):

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
 from jaxradar._numerics import largest, safe_divide, totals
-from jaxradar._types import Scalar, Setting, Sweep
+from jaxradar._types import Flag, Scalar, Setting, Sweep
 
 __all__ = ["soft_position"]
 
@@ -19,9 +19,11 @@ def _moments(values: Sweep, log_gain: Sweep, exponent: Scalar, temperature: Scal
     bins = jnp.arange(values.shape[-1], dtype=values.dtype) - _middle(values)
     top = largest(values * jnp.exp(exponent * log_gain))
     scale = safe_divide(jnp.ones_like(top), top * temperature)
+    # The largest weight is 1, so the sum is at least 1, whatever underflows beside it; so it is in a silent sweep.
+    most = jnp.where(top > 0, 1.0 / temperature, 0.0)
 
     def terms(value: Any, gain: Any, offset: Any) -> tuple[Any, Any]:
-        weight = jnp.exp(value * gain * scale - 1.0 / temperature)
+        weight = jnp.exp(value * gain * scale - most)
         return weight, weight * offset
 
     weights, first = totals(terms, values, jnp.exp(exponent * log_gain), bins)
@@ -34,11 +36,12 @@ def _middle(values: Sweep) -> float:
 
 
 @jax.custom_jvp
-def _position(values: Sweep, log_gain: Sweep, exponent: Scalar, temperature: Scalar) -> Scalar:
-    return _middle(values) + _moments(values, log_gain, exponent, temperature)[2]
+def _position(values: Sweep, log_gain: Sweep, exponent: Scalar, temperature: Scalar) -> tuple[Scalar, Scalar]:
+    top, _, mean = _moments(values, log_gain, exponent, temperature)
+    return _middle(values) + mean, jax.lax.stop_gradient(top)
 
 
-def _position_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Any]:
+def _position_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
     # With u = v/v_max and w = exp((u - 1)/T): d mean = sum w (i - mean) d((u - 1)/T) / sum w. What hangs on the
     # two scalars is two sums a sweep; arrays of the sweep's size come in only if the amplitudes themselves change.
     values, log_gain, exponent, temperature = primals
@@ -70,7 +73,8 @@ def _position_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Any]:
             at = (ratio == 1.0).astype(values.dtype)
             top_moved = jnp.sum(moved * at, axis=-1) / jnp.maximum(jnp.sum(at, axis=-1), 1.0)
             change = change + jnp.sum(force * moved, axis=-1) - pull * top_moved
-    return _middle(values) + mean, change / (temperature * weights)
+    # The largest value is only asked whether there is one: its own derivative is left out.
+    return (_middle(values) + mean, top), (change / (temperature * weights), jnp.zeros_like(top))
 
 
 _position.defjvp(_position_jvp, symbolic_zeros=True)
@@ -78,19 +82,20 @@ _position.defjvp(_position_jvp, symbolic_zeros=True)
 
 def soft_position(
     values: Sweep, temperature: Setting, log_gain: Sweep | None = None, exponent: Setting = 0.0
-) -> Scalar:
-    """Mean of the bins, in bins from 0, under weights exp((v/v_max - 1) / `temperature`).
+) -> tuple[Scalar, Flag]:
+    """Mean of the bins, in bins from 0, under weights exp((v/v_max - 1) / `temperature`), and whether any is above 0.
 
-    Here v = values × e^(exponent × log_gain). For amplitudes that are finite and not all 0. Derivatives with respect to
+    Here v = values × e^(exponent × log_gain). For amplitudes that are finite; the middle if all are 0. Derivatives by
     `temperature` and `exponent` are taken from moments of the sweep, so that reverse mode keeps a few numbers a sweep
     and no array of its size.
     """
     dtype = jnp.result_type(values)
     if log_gain is None:
         log_gain = jnp.zeros(values.shape[-1], dtype)
-    return _position(
+    position, top = _position(
         jnp.asarray(values),
         jnp.asarray(log_gain, dtype),
         jnp.asarray(exponent, dtype),
         jnp.asarray(temperature, dtype),
     )
+    return position, top > 0

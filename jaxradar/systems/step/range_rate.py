@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Shaped, UInt
 
-from jaxradar._numerics import finite, first_largest, largest
+from jaxradar._numerics import finite, first_argmax, largest, reductions, row_major
 from jaxradar._types import Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
-from jaxradar.signal.peaks import MatchedFilter, Parabola, Peak, PeakEstimator, SoftArgmax
+from jaxradar.signal.peaks import MatchedFilter, Parabola, Peak, window_at
 from jaxradar.signal.soft import soft_position
 from jaxradar.systems.step.config import (
     Decision,
@@ -26,6 +26,8 @@ from jaxradar.systems.step.config import (
     shape_setting,
     usable,
 )
+
+Sweeps = Callable[[], Shaped[Array, "logs sweeps bins"]]
 
 __all__ = ["RangeRateBase", "RangeRateDetector", "RangeRateState", "SweepPeak"]
 
@@ -79,13 +81,11 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
         self,
         axis: RangeAxis,
         state: RangeRateState,
-        sweeps: Callable[[], Shaped[Array, "logs sweeps bins"]],
+        sweeps: Sweeps,
         flags: UInt[Array, "logs sweeps"],
         dt: Float[Array, "logs sweeps"],
     ) -> tuple[RangeRateState, Decision]:
-        observations = jax.vmap(jax.vmap(partial(self.observe, axis)))(sweeps(), flags)
-        # Computed once, whatever is made of them; each apart, so that what nobody asks for is still left out.
-        observations = jax.tree.map(jax.lax.optimization_barrier, observations)
+        observations = self._observe_all(axis, sweeps, flags)
 
         def gapless() -> tuple[RangeRateState, Decision]:
             first = jnp.arange(dt.shape[1]) == 0
@@ -103,6 +103,14 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
 
         # Where every sweep is valid the sweep before is the last valid one, and nothing has to wait for another.
         return jax.lax.cond(jnp.all(observations.valid), gapless, with_gaps)
+
+    def _observe_all(
+        self,
+        axis: RangeAxis,
+        sweeps: Sweeps,
+        flags: UInt[Array, "logs sweeps"],
+    ) -> SweepPeak:
+        return jax.vmap(jax.vmap(partial(self.observe, axis)))(sweeps(), flags)
 
     def _decide(self, now: SweepPeak, before_m: Scalar, elapsed: Scalar, seen: Flag) -> Decision:
         known = now.valid & seen & (elapsed > 0)
@@ -146,42 +154,76 @@ class RangeRateDetector(RangeRateBase):
     refine_compensated: bool = shape_setting(False, 0, 1, "", "refine on compensated amplitudes, not on raw ones")
 
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> SweepPeak:
-        log_gain = jnp.log(2.0 * jnp.maximum(jnp.asarray(axis.range_m), 1e-6))
-        exponent = jnp.asarray(self.exponent, log_gain.dtype)
-        gain = jnp.exp(jax.lax.stop_gradient(exponent) * log_gain)
-        selected, _ = first_largest(finite(sweep) * gain)
-        found = self._find(axis, sweep, selected, log_gain, exponent)
-        return SweepPeak(
-            range_m=axis.at(found.position),
-            strength=found.amplitude,
-            valid=usable(flags) & found.found,
-            saturated=is_saturated(flags),
-        )
+        if not self._windowed:
+            return self._observed(axis, self._over_all_bins(axis, sweep), flags)
+        selected = self._select(axis, sweep)
+        start, taps = window_at(sweep, selected, self._half_width(axis))
+        return self._observed(axis, self._refine(axis, selected, start, taps), flags)
 
-    def _all_bins(self, values: Sweep, log_gain: Sweep, exponent: Scalar) -> Peak:
-        amplitude = largest(values)
-        found = amplitude > 0
-        position = soft_position(jnp.where(found, values, 1.0), self.temperature, log_gain, exponent)
-        return Peak(jnp.where(found, position, 0.0), amplitude, found)
+    def _observe_all(
+        self,
+        axis: RangeAxis,
+        sweeps: Sweeps,
+        flags: UInt[Array, "logs sweeps"],
+    ) -> SweepPeak:
+        if not self._windowed:
+            return super()._observe_all(axis, sweeps, flags)
+        each = lambda function: jax.vmap(jax.vmap(function))  # noqa: E731
+        selected = each(partial(self._select, axis))(sweeps())
+        read = each(lambda sweep, near: window_at(sweep, near, self._half_width(axis)))
+        start, taps = read(sweeps(), selected)
+        # The few taps of all sweeps side by side: they fill the processor's registers, whatever their number is.
+        taps = row_major(jnp.moveaxis(row_major(taps), -1, 1))
+        with reductions("plain"):
+            refine = jax.vmap(jax.vmap(partial(self._refine, axis), in_axes=-1))
+            return each(partial(self._observed, axis))(refine(selected, start, taps), flags)
 
-    def _find(self, axis: RangeAxis, sweep: RawSweep, selected: Index, log_gain: Sweep, exponent: Scalar) -> Peak:
-        half_width = max(1, round(0.5 * self.window_m / axis.bin_m))
-        if self.peak == "soft-argmax over all bins":
-            return self._all_bins(finite(sweep), log_gain, exponent)
+    @property
+    def _windowed(self) -> bool:
+        return self.peak in ("parabola", "soft-argmax")
+
+    def _half_width(self, axis: RangeAxis) -> int:
+        return min(max(1, round(0.5 * self.window_m / axis.bin_m)), (axis.bins - 1) // 2)
+
+    def _log_gain(self, axis: RangeAxis) -> Sweep:
+        return jnp.log(2.0 * jnp.maximum(jnp.asarray(axis.range_m), 1e-6))
+
+    def _select(self, axis: RangeAxis, sweep: RawSweep) -> Index:
+        gain = jnp.exp(jnp.asarray(self.exponent, float) * self._log_gain(axis))
+        return first_argmax(finite(sweep) * gain)
+
+    def _over_all_bins(self, axis: RangeAxis, sweep: RawSweep) -> Peak:
         if self.peak == "matched filter":
             return MatchedFilter(self.pulse_m / axis.bin_m)(sweep)
+        values, log_gain = finite(sweep), self._log_gain(axis)
         if self.peak == "arg-max":
-            amplitude = finite(sweep)[selected]
+            selected = self._select(axis, sweep)
+            amplitude = values[selected]
             return Peak(selected.astype(log_gain.dtype), amplitude, amplitude > 0)
-        if self.peak == "soft-argmax" and self.refine_compensated:
-            width = min(2 * half_width + 1, axis.bins)
-            start = jnp.clip(selected - half_width, 0, axis.bins - width)
-            taps = finite(jax.lax.dynamic_slice(jnp.asarray(sweep), (start,), (width,)))
-            found = self._all_bins(taps, jax.lax.dynamic_slice(log_gain, (start,), (width,)), exponent)
-            return eqx.tree_at(lambda one: one.position, found, found.position + start)
-        source = finite(sweep) * jnp.exp(exponent * log_gain) if self.refine_compensated else sweep
-        estimators: dict[str, PeakEstimator] = {
-            "parabola": Parabola(half_width),
-            "soft-argmax": SoftArgmax(self.temperature, half_width=half_width),
-        }
-        return estimators[self.peak](source, selected)
+        exponent = jnp.asarray(self.exponent, log_gain.dtype)
+        position, found = soft_position(values, self.temperature, log_gain, exponent)
+        return Peak(jnp.where(found, position, 0.0), largest(values), found)
+
+    def _refine(self, axis: RangeAxis, selected: Index, start: Index, taps: RawSweep) -> Peak:
+        values = finite(taps)
+        amplitude = largest(values)
+        found = amplitude > 0
+        exponent, log_gain = 0.0, None
+        if self.refine_compensated:
+            # Of the taps alone: constants beside them move nothing.
+            exponent = jnp.asarray(self.exponent, values.dtype)
+            log_gain = jnp.log(2.0 * axis.at((start + jnp.arange(values.shape[0])).astype(values.dtype)))
+        if self.peak == "soft-argmax":
+            position = start + soft_position(values, self.temperature, log_gain, exponent)[0]
+        else:
+            weighted = values if log_gain is None else values * jnp.exp(exponent * log_gain)
+            position = Parabola.through(weighted, selected - start) + start
+        return Peak(jnp.where(found, position, 0.0), amplitude, found)
+
+    def _observed(self, axis: RangeAxis, peak: Peak, flags: Flags) -> SweepPeak:
+        return SweepPeak(
+            range_m=axis.at(peak.position),
+            strength=peak.amplitude,
+            valid=usable(flags) & peak.found,
+            saturated=is_saturated(flags),
+        )
