@@ -12,7 +12,15 @@ from jaxtyping import Array, Bool, Float
 from jaxradar._numerics.staged import total
 from jaxradar._types import RawSweep, Scalar, Setting, Sweep
 
-__all__ = ["as_scalar", "finite", "masked_moments", "neighbours", "safe_divide", "safe_sqrt", "soft_exceeds"]
+__all__ = [
+    "as_scalar",
+    "finite",
+    "masked_moments",
+    "nonnegative",
+    "safe_divide",
+    "safe_sqrt",
+    "soft_exceeds",
+]
 
 
 def as_scalar(value: Any) -> Any:
@@ -36,12 +44,10 @@ def finite(sweep: RawSweep) -> Sweep:
     return values if whole else jnp.where(jnp.isfinite(values), values, 0.0)
 
 
-def neighbours(values: Float[Array, " bins"]) -> tuple[Float[Array, " bins"], Float[Array, " bins"]]:
-    """What stands before and after each value; 0 beyond the ends.
-
-    Padded slices stay in the loop of what is made of them; a concatenation would be written out first.
-    """
-    return jnp.pad(values[:-1], (1, 0)), jnp.pad(values[1:], (0, 1))
+def nonnegative(sweep: RawSweep) -> Sweep:
+    """A sweep as `finite` gives it, with 0 for what is negative: an amplitude below 0 is no echo."""
+    values = finite(sweep)
+    return values if jnp.issubdtype(jnp.asarray(sweep).dtype, jnp.unsignedinteger) else jnp.maximum(values, 0.0)
 
 
 def safe_divide(

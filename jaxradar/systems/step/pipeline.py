@@ -24,7 +24,9 @@ from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
 from jaxradar.systems.step.result import StepEvent, StepTrace
 
 FEWEST_LOGS = 64  # a thread's share, below which its vectors are not filled
-BLOCK = 4096  # sweeps; what they become stays in the processor's cache
+# Sweeps in a block: what is made of them stays in the processor's cache, and a block's loops outweigh their starts.
+BLOCK_BY_LOGS = 32768
+BLOCK_BY_TIME = 4096
 
 __all__ = ["detect", "detect_batch", "event_weights", "precision", "run", "run_batch", "thin", "time_steps"]
 
@@ -65,7 +67,7 @@ def run_batch(
 ) -> Any:
     """All decisions on a batch of series of one range axis, each field (logs, sweeps); invalid beyond `lengths`.
 
-    Goes through the batch in blocks of about `BLOCK` sweeps, so that no temporary grows with the batch; of each,
+    Goes through the batch in blocks of some thousand sweeps, so that no temporary grows with the batch; of each,
     only what `pick` makes of its decisions is kept. Pure, to be jit-compiled and differentiated; call it inside
     `precision(detector)`. `detect_batch` is this, compiled.
     """
@@ -106,7 +108,7 @@ def _part(count: int, wanted: int) -> int:
 def _by_logs(block: Callable[..., Any], start: Callable[[int], Any], *inputs: Array) -> Any:
     """A few logs at a time, each from its first sweep to its last."""
     logs, sweeps = inputs[1].shape
-    part = _part(logs, BLOCK // sweeps)
+    part = _part(logs, BLOCK_BY_LOGS // sweeps)
     groups = logs // part
 
     def one(group: Any) -> Any:
@@ -127,7 +129,7 @@ def _by_time(block: Callable[..., Any], start: Callable[[int], Any], *inputs: Ar
     """All logs side by side, a few sweeps at a time."""
     *columns, lengths = inputs
     logs, sweeps = columns[1].shape
-    part = _part(sweeps, BLOCK // logs)
+    part = _part(sweeps, BLOCK_BY_TIME // logs)
     blocks = sweeps // part
 
     def one(state: Any, first: Any) -> Any:

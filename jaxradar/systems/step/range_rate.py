@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Shaped, UInt
 
-from jaxradar._numerics import finite, first_argmax, largest, reductions, row_major
+from jaxradar._numerics import finite, largest, nonnegative, packed_largest, reductions, row_major
 from jaxradar._types import Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
 from jaxradar.signal.peaks import MatchedFilter, Parabola, Peak, window_at
 from jaxradar.signal.soft import soft_position
@@ -190,7 +190,9 @@ class RangeRateDetector(RangeRateBase):
 
     def _select(self, axis: RangeAxis, sweep: RawSweep) -> Index:
         gain = jnp.exp(jnp.asarray(self.exponent, float) * self._log_gain(axis))
-        return first_argmax(finite(sweep) * gain)
+        # In double the product of a count and a single-precision gain is exact, and leaves room for the index.
+        with jax.enable_x64(True):
+            return packed_largest(nonnegative(sweep).astype(jnp.float64) * gain.astype(jnp.float64))[0]
 
     def _over_all_bins(self, axis: RangeAxis, sweep: RawSweep) -> Peak:
         if self.peak == "matched filter":

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from jaxradar._numerics import finite, packed_largest
+from jaxradar._numerics import finite, nonnegative, packed_largest
 from jaxradar._types import Flags, RawSweep, Setting
 from jaxradar.systems.step.config import RangeAxis, is_saturated, setting, usable
 from jaxradar.systems.step.range_rate import RangeRateBase, SweepPeak
@@ -34,7 +34,7 @@ class ThesisDetector(RangeRateBase):
         round_trip = 2.0 * jnp.asarray(axis.range_m)
         # The compiler's power is off by its last digit now and then; the thesis's own square is a product.
         weights = jnp.where(self.exponent == 2.0, round_trip * round_trip, round_trip**self.exponent)
-        peak, compensated = packed_largest(finite(sweep) * weights)
+        peak, compensated = packed_largest(nonnegative(sweep) * weights)
         return SweepPeak(
             range_m=jnp.asarray(axis.range_m)[peak],
             strength=finite(sweep)[peak],
