@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from data import TEMPERATURE, THRESHOLD_M_S, Batch, Outputs, UnavailableError
 
+from jaxradar._numerics import compiled
 from jaxradar.drive import SensorSeries
 from jaxradar.systems import step
 
@@ -122,10 +123,14 @@ def loss(row: str, batch: Batch, target: Any, soft_m_s: float = 0.05) -> Callabl
     `soft_m_s`: over how much speed a soft event rises from 0 to 1.
     """
     axis = step.RangeAxis.of(batch.range_m)
+    # Raw amplitudes in the window would not hang on the exponent.
+    shape = {"refine_compensated": True} if row == "window" else {}
 
     def value(parameters: Any, sweeps: Any, flags: Any, dt: Any, lengths: Any) -> Any:
         exponent, temperature, threshold = parameters
-        detector = build(row, batch.range_m, exponent=exponent, temperature=temperature, threshold_m_s=threshold)
+        detector = build(
+            row, batch.range_m, exponent=exponent, temperature=temperature, threshold_m_s=threshold, **shape
+        )
         decisions = step.run_batch(detector, axis, sweeps, flags, dt, lengths)
         weights = step.event_weights(detector, decisions, soft_m_s)
         return jnp.mean(weights * target) + 1e-3 * jnp.mean(jnp.abs(decisions.speed_m_s))
@@ -142,6 +147,6 @@ def gradient(row: str, batch: Batch, seed: int = 0) -> tuple[Callable[[], Any], 
     target = np.random.default_rng(seed).uniform(-1.0, 1.0, batch.flags.shape).astype(dtype)
     arrays = (batch.sweeps, batch.flags, batch.dt if dtype == np.float64 else batch.dt32, batch.lengths)
     function = loss(row, batch, target)
-    both, alone = jax.jit(jax.value_and_grad(function)), jax.jit(function)
+    both, alone = compiled(jax.value_and_grad(function)), compiled(function)
     usual = jnp.asarray([2.0, TEMPERATURE, THRESHOLD_M_S], dtype)
     return lambda: jax.block_until_ready(both(usual, *arrays)), lambda parameters: float(alone(parameters, *arrays))

@@ -28,7 +28,9 @@ __all__ = [
     "packed_largest",
     "reductions",
     "select_largest",
+    "sliced",
     "smallest",
+    "summed",
     "total",
     "totals",
     "value_at",
@@ -82,50 +84,50 @@ def _tree(parts: list[Any], combine: Combine) -> Any:
     return parts[0]
 
 
-@jax.custom_jvp
 def total(values: Values) -> Reduced:
     """Sum over the last axis, of the type that `jnp.sum` gives."""
     values = jnp.asarray(values)
-    if not _staged(values):
-        return jnp.sum(values, axis=-1)
+    return _total(values) if _staged(values) else jnp.sum(values, axis=-1)
+
+
+@jax.custom_jvp
+def _total(values: Array) -> Array:
     wide = values.astype(jax.eval_shape(jnp.sum, values).dtype)
     return jnp.sum(_tree(_slices(wide, 0), jnp.add), axis=-1)
 
 
-@total.defjvp
-def _total_jvp(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Reduced, Reduced]:
+@_total.defjvp
+def _total_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
     # The plain sum transposes to a broadcast, a tree of slices to as many padded arrays.
-    return total(*primals), jnp.sum(tangents[0], axis=-1)
+    return _total(*primals), jnp.sum(tangents[0], axis=-1)
 
 
 def totals(function: Callable[..., tuple[Array, ...]], *arrays: Values) -> tuple[Reduced, ...]:
     """Sums over the last axis of each of the arrays that `function` makes of `arrays`, element by element.
 
     As `tuple(total(y) for y in function(*arrays))`, but for the form: `function` is applied to one slice after the
-    other, so that what is dear in it (an exponential) is computed once for all sums and is never written to memory.
+    other, so that what is dear in it (an exponential) is computed once for all sums.
     """
+    return summed([function(*part) for part in sliced(*arrays)], arrays[0].shape[-1])
+
+
+def sliced(*arrays: Values) -> list[tuple[Array, ...]]:
+    """The slices of some arrays of one last axis, for terms that `summed` adds up; one slice in the plain form."""
     whole = [jnp.asarray(one) for one in arrays]
     if not _staged(whole[0]):
-        return tuple(jnp.sum(one, axis=-1) for one in function(*whole))
-    count = whole[0].shape[-1]
-    parts = list(zip(*(_slices(one, 0) for one in whole), strict=True))
-    terms = [function(*part) for part in parts]
-    if parts[0][0].shape[-1] * len(parts) > count:
-        real = jnp.arange(LANES) < count % LANES
-        terms[-1] = tuple(jnp.where(real, one, 0) for one in terms[-1])
-    sums = _tree(terms, lambda a, b: tuple(x + y for x, y in zip(a, b, strict=True)))
+        return [tuple(whole)]
+    return list(zip(*(_slices(one, 0) for one in whole), strict=True))
+
+
+def summed(terms: Sequence[tuple[Array, ...]], count: int) -> tuple[Reduced, ...]:
+    """The sums of terms made slice by slice out of what `sliced` gave for an axis of `count` bins."""
+    *others, last = terms
+    filled = len(terms) * last[0].shape[-1] - count
+    if filled:
+        real = jnp.arange(last[0].shape[-1]) < last[0].shape[-1] - filled
+        last = tuple(jnp.where(real, one, 0) for one in last)
+    sums = _tree([*others, last], lambda a, b: tuple(x + y for x, y in zip(a, b, strict=True)))
     return tuple(jnp.sum(one, axis=-1) for one in sums)
-
-
-def _extreme(values: Array, combine: Combine, plain: Callable[..., Array], identity: Any) -> Array:
-    if not _staged(values):
-        return plain(values, axis=-1)
-    lanes = _tree(_slices(values, identity), combine)
-    if lanes.dtype != jnp.float32:
-        return plain(lanes, axis=-1)
-    # As integers of the same order: the compiler does not chain those. One kind of NaN, since their signs differ.
-    fill = jnp.nan if plain is jnp.max else -jnp.nan
-    return _from_ordered_bits(plain(_ordered_bits(jnp.where(jnp.isnan(lanes), fill, lanes)), axis=-1))
 
 
 def _bounds(dtype: Any) -> tuple[Any, Any]:
@@ -136,22 +138,38 @@ def _bounds(dtype: Any) -> tuple[Any, Any]:
     return jnp.iinfo(dtype).min, jnp.iinfo(dtype).max
 
 
-@jax.custom_jvp
 def largest(values: Values) -> Reduced:
     """Maximum over the last axis; NaN if there is one. The gradient is shared equally by equal maxima."""
     values = jnp.asarray(values)
-    return _extreme(values, jnp.maximum, jnp.max, _bounds(values.dtype)[0])
+    return _largest(values) if _staged(values) else jnp.max(values, axis=-1)
 
 
-@jax.custom_jvp
 def smallest(values: Values) -> Reduced:
     """Minimum over the last axis; NaN if there is one. The gradient is shared equally by equal minima."""
     values = jnp.asarray(values)
-    return _extreme(values, jnp.minimum, jnp.min, _bounds(values.dtype)[1])
+    return _smallest(values) if _staged(values) else jnp.min(values, axis=-1)
 
 
-def _shared(extreme: Callable[[Values], Reduced]) -> Callable[..., tuple[Reduced, Reduced]]:
-    def rule(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Reduced, Reduced]:
+@jax.custom_jvp
+def _largest(values: Array) -> Array:
+    return _extreme(values, jnp.maximum, jnp.max, _bounds(values.dtype)[0], jnp.nan)
+
+
+@jax.custom_jvp
+def _smallest(values: Array) -> Array:
+    return _extreme(values, jnp.minimum, jnp.min, _bounds(values.dtype)[1], -jnp.nan)
+
+
+def _extreme(values: Array, combine: Combine, reduce: Callable[..., Array], identity: Any, nan: float) -> Array:
+    lanes = _tree(_slices(values, identity), combine)
+    if lanes.dtype != jnp.float32:
+        return reduce(lanes, axis=-1)
+    # As integers of the same order: the compiler does not chain those. One kind of NaN, since their signs differ.
+    return _from_ordered_bits(reduce(_ordered_bits(jnp.where(jnp.isnan(lanes), nan, lanes)), axis=-1))
+
+
+def _shared(extreme: Callable[[Array], Array]) -> Callable[..., tuple[Array, Array]]:
+    def rule(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
         (values,), (change,) = primals, tangents
         found = extreme(values)
         equal = (values == found[..., None]).astype(change.dtype)
@@ -160,8 +178,8 @@ def _shared(extreme: Callable[[Values], Reduced]) -> Callable[..., tuple[Reduced
     return rule
 
 
-largest.defjvp(_shared(largest))
-smallest.defjvp(_shared(smallest))
+_largest.defjvp(_shared(_largest))
+_smallest.defjvp(_shared(_smallest))
 
 
 def first_argmax(values: Values) -> Int[Array, "*shape"]:
@@ -178,10 +196,13 @@ def first_largest(values: Values) -> tuple[Int[Array, "*shape"], Reduced]:
     return _keyed(values) if _staged(values) and _fits_key(values.dtype) else _searched(values)
 
 
-def value_at(values: Values, index: Int[Array, "*shape"]) -> Reduced:
-    """What `values` hold at `index`, by a sum: a gather would turn round an array in which sweeps lie side by side."""
+def value_at(values: Values, index: Int[Array | np.ndarray, "*shape"]) -> Reduced:
+    """What `values` hold at `index`: in the plain form by a sum, as a gather would turn round sweeps side by side."""
+    values = jnp.asarray(values)
+    if _staged(values):
+        return jnp.take_along_axis(values, index[..., None], axis=-1)[..., 0]
     here = jnp.arange(values.shape[-1], dtype=jnp.int32) == index[..., None]
-    return total(jnp.where(here, values, jnp.zeros((), values.dtype)))
+    return jnp.sum(jnp.where(here, values, jnp.zeros((), values.dtype)), axis=-1)
 
 
 def select_largest(candidates: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
@@ -244,7 +265,9 @@ def _from_ordered_bits(ordered: Int[Array, "*shape"]) -> Float[Array, "*shape"]:
     return jax.lax.bitcast_convert_type(ordered ^ ((ordered >> 31) & 0x7FFFFFFF), jnp.float32)
 
 
-def packed_largest(values: Float[Array, "*shape bins"]) -> tuple[Int[Array, "*shape"], Float[Array, "*shape"]]:
+def packed_largest(
+    values: Float[Array | np.ndarray, "*shape bins"],
+) -> tuple[Int[Array, "*shape"], Float[Array, "*shape"]]:
     """Index and value of the largest of doubles, none below 0 and none NaN, in a single pass.
 
     The last log₂(bins) bits of each number, rounded up, make room for its index. Values that differ in these alone

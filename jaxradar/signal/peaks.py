@@ -127,7 +127,7 @@ class Parabola(PeakEstimator):
     def __call__(self, sweep: RawSweep, near: Index | None = None) -> Peak:
         reach = min(self.reach, (sweep.shape[0] - 1) // 2)
         if near is None:
-            top = ArgMax()(sweep).position
+            top = jnp.asarray(ArgMax()(sweep).position)
             near = jnp.round(top).astype(jnp.int32)
         else:
             top = jnp.asarray(near).astype(jnp.result_type(float))

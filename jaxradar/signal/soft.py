@@ -2,32 +2,43 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
-from jaxradar._numerics import largest, safe_divide, totals
-from jaxradar._types import Flag, Scalar, Setting, Sweep
+from jaxradar._numerics import cpu_shaped, first_largest, reductions, safe_divide, sliced, summed, value_at
+from jaxradar._types import Flag, Index, Scalar, Setting, Sweep
 
 __all__ = ["soft_position"]
 
 
-def _moments(values: Sweep, log_gain: Sweep, exponent: Scalar, temperature: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Largest compensated value, sum of the weights, and the weighted mean of the bins from the middle of the axis."""
+class _Weighed(NamedTuple):
+    """The bin of the largest compensated value, and that value; slice by slice the weights; their sum and the mean of
+    the bins under them, from the middle of the axis."""
+
+    at: Index
+    top: Scalar
+    parts: list[tuple[Any, ...]]  # compensated value as a share of the largest, log gain, bin from the middle
+    weights: list[Any]
+    whole: Scalar
+    mean: Scalar
+
+
+def _weigh(values: Sweep, log_gain: Sweep, exponent: Scalar, temperature: Scalar) -> _Weighed:
     bins = jnp.arange(values.shape[-1], dtype=values.dtype) - _middle(values)
-    top = largest(values * jnp.exp(exponent * log_gain))
-    scale = safe_divide(jnp.ones_like(top), top * temperature)
+    gains = jnp.exp(exponent * log_gain)
+    at, top = first_largest(values * gains)
+    inverse = safe_divide(jnp.ones_like(top), top)
     # The largest weight is 1, so the sum is at least 1, whatever underflows beside it; so it is in a silent sweep.
-    most = jnp.where(top > 0, 1.0 / temperature, 0.0)
-
-    def terms(value: Any, gain: Any, offset: Any) -> tuple[Any, Any]:
-        weight = jnp.exp(value * gain * scale - most)
-        return weight, weight * offset
-
-    weights, first = totals(terms, values, jnp.exp(exponent * log_gain), bins)
-    return top, weights, first / weights
+    most = jnp.where(top > 0, 1.0, 0.0)
+    parts = [(value * gain * inverse, *rest) for value, gain, *rest in sliced(values, gains, log_gain, bins)]
+    weights = [jnp.exp((ratio - most) / temperature) for ratio, _, _ in parts]
+    terms = [(weight, weight * offset) for weight, (_, _, offset) in zip(weights, parts, strict=True)]
+    whole, first = summed(terms, values.shape[-1])
+    return _Weighed(at, top, parts, weights, whole, first / whole)
 
 
 def _middle(values: Sweep) -> float:
@@ -35,46 +46,56 @@ def _middle(values: Sweep) -> float:
     return 0.5 * (values.shape[-1] - 1)
 
 
-@jax.custom_jvp
-def _position(values: Sweep, log_gain: Sweep, exponent: Scalar, temperature: Scalar) -> tuple[Scalar, Scalar]:
-    top, _, mean = _moments(values, log_gain, exponent, temperature)
-    return _middle(values) + mean, jax.lax.stop_gradient(top)
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _position(
+    form: str, values: Sweep, log_gain: Sweep, exponent: Scalar, temperature: Scalar
+) -> tuple[Scalar, Scalar]:
+    with reductions(form):
+        found = _weigh(values, log_gain, exponent, temperature)
+    return _middle(values) + found.mean, jax.lax.stop_gradient(found.top)
 
 
-def _position_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
+def _position_jvp(form: str, primals: Any, tangents: Any) -> tuple[Any, Any]:
+    # A rule is traced when it is needed, and must find the form that was chosen when the function was called.
+    with reductions(form):
+        return _differentiated(primals, tangents)
+
+
+def _differentiated(primals: Any, tangents: Any) -> tuple[Any, Any]:
     # With u = v/v_max and w = exp((u - 1)/T): d mean = sum w (i - mean) d((u - 1)/T) / sum w. What hangs on the
     # two scalars is two sums a sweep; arrays of the sweep's size come in only if the amplitudes themselves change.
-    values, log_gain, exponent, temperature = primals
+    values, log_gain, _, temperature = primals
     d_values, d_log_gain, d_exponent, d_temperature = tangents
-    top, weights, mean = _moments(*primals)
-    offsets = jnp.arange(values.shape[-1], dtype=values.dtype) - _middle(values) - mean
-    inverse = safe_divide(jnp.ones_like(top), top)
-
-    def share(value: Any, gain: Any, offset: Any) -> tuple[Any, Any]:
-        ratio = value * gain * inverse
-        return ratio, jnp.exp((ratio - 1.0) / temperature) * offset
-
-    def terms(value: Any, gain: Any, logarithm: Any, offset: Any) -> tuple[Any, ...]:
-        ratio, pull = share(value, gain, offset)
-        at_top = (value * gain == top).astype(value.dtype)
-        return pull * ratio, pull * ratio * logarithm, at_top, at_top * logarithm
-
-    gains = jnp.exp(exponent * log_gain)
-    pull, pull_log, at_top, log_at_top = totals(terms, values, gains, log_gain, offsets)
-    change = jnp.zeros_like(mean)
+    found = _weigh(*primals)
+    pulls = [w * (offset - found.mean) for w, (_, _, offset) in zip(found.weights, found.parts, strict=True)]
+    terms = [(p * ratio, p * ratio * logarithm) for p, (ratio, logarithm, _) in zip(pulls, found.parts, strict=True)]
+    pull, pull_log = summed(terms, values.shape[-1])
+    change = jnp.zeros_like(pull)
     if not isinstance(d_temperature, SymbolicZero):
         change = change - pull / temperature * d_temperature
     if not isinstance(d_exponent, SymbolicZero):
-        change = change + (pull_log - pull * log_at_top / jnp.maximum(at_top, 1.0)) * d_exponent
+        change = change + (pull_log - pull * value_at(log_gain, found.at)) * d_exponent
+    change = change + _moved(found, pull, primals, d_values, d_log_gain)
+    # The largest value is only asked whether there is one: its own derivative is left out.
+    return (_middle(values) + found.mean, found.top), (change / (temperature * found.whole), jnp.zeros_like(found.top))
+
+
+def _moved(found: _Weighed, pull: Scalar, primals: Any, d_values: Any, d_log_gain: Any) -> Scalar:
+    """What changes of the amplitudes, or of their gains, add: a plain sum, which transposes to a broadcast."""
+    values, log_gain, exponent, temperature = primals
+    gains = jnp.exp(exponent * log_gain)
+    inverse = safe_divide(jnp.ones_like(found.top), found.top)[..., None]
+    ratio = values * gains * inverse
+    offsets = jnp.arange(values.shape[-1], dtype=values.dtype) - _middle(values) - found.mean[..., None]
+    force = jnp.exp((ratio - 1.0) / temperature) * offsets
+    at_top = (values * gains == found.top[..., None]).astype(values.dtype)
+    change = jnp.zeros_like(pull)
     for tangent, factor in ((d_values, gains), (d_log_gain, values * gains * exponent)):
         if not isinstance(tangent, SymbolicZero):
             moved = tangent * factor * inverse
-            ratio, force = share(values, gains, offsets)
-            at = (ratio == 1.0).astype(values.dtype)
-            top_moved = jnp.sum(moved * at, axis=-1) / jnp.maximum(jnp.sum(at, axis=-1), 1.0)
-            change = change + jnp.sum(force * moved, axis=-1) - pull * top_moved
-    # The largest value is only asked whether there is one: its own derivative is left out.
-    return (_middle(values) + mean, top), (change / (temperature * weights), jnp.zeros_like(top))
+            shared = jnp.sum(moved * at_top, axis=-1) / jnp.maximum(jnp.sum(at_top, axis=-1), 1.0)
+            change = change + jnp.sum(force * moved, axis=-1) - pull * shared
+    return change
 
 
 _position.defjvp(_position_jvp, symbolic_zeros=True)
@@ -93,6 +114,7 @@ def soft_position(
     if log_gain is None:
         log_gain = jnp.zeros(values.shape[-1], dtype)
     position, top = _position(
+        "staged" if cpu_shaped() else "plain",
         jnp.asarray(values),
         jnp.asarray(log_gain, dtype),
         jnp.asarray(exponent, dtype),

@@ -18,7 +18,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Shaped, UInt
+from jaxtyping import Array, Bool, Float, Shaped, UInt
 
 from jaxradar._numerics import as_scalar
 from jaxradar._types import Flag, Flags, RangeBins, RawSweep, Scalar, Setting
@@ -54,12 +54,12 @@ def choice_setting(default: str, choices: tuple[str, ...], doc: str) -> Any:
     return eqx.field(default=default, static=True, metadata={"choices": choices, "unit": "", "doc": doc})
 
 
-def usable(flags: Flags) -> Flag:
+def usable(flags: UInt[Array | np.ndarray, "*shape"]) -> Bool[Array | np.ndarray, "*shape"]:
     """Whether neither the sensor nor the reader says that this sweep holds no data."""
     return (flags & int(SweepFlag.INVALID)) == 0
 
 
-def is_saturated(flags: Flags) -> Flag:
+def is_saturated(flags: UInt[Array | np.ndarray, "*shape"]) -> Bool[Array | np.ndarray, "*shape"]:
     """Whether the sensor or the reader says that this sweep reached full scale."""
     return (flags & int(SweepFlag.SATURATED)) != 0
 

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Shaped, UInt
 
-from jaxradar._numerics import finite, first_argmax, largest, reductions, row_major, select_largest, value_at
+from jaxradar._numerics import finite, first_argmax, largest, select_largest, value_at
 from jaxradar._types import Counts, Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
-from jaxradar.signal.clutter import NoiseFloor, noise_floor
+from jaxradar.signal.clutter import noise_floor, over_floor
 from jaxradar.signal.correlate import ProfileShift, profile_shift
 from jaxradar.signal.peaks import ArgMax, SoftArgmax, vertex, window_at
 from jaxradar.systems.step.config import (
@@ -27,82 +24,21 @@ from jaxradar.systems.step.config import (
     shape_setting,
     usable,
 )
+from jaxradar.systems.step.default_block import follow_block
+from jaxradar.systems.step.default_states import (
+    DefaultState,
+    Evidence,
+    Followed,
+    Memory,
+    ProfileObservation,
+    Recalled,
+    SelectedEcho,
+)
 
 __all__ = ["DefaultDetector", "DefaultState", "ProfileObservation"]
 
 
 LONGEST_SILENCE = 5.0  # refractory times after which a detector speaks again whatever the evidence does
-
-
-class ProfileObservation(eqx.Module):
-    """One sweep, seen through the noise: `profile` holds the amplitudes over the floor, averaged over range cells,
-    `highest` the largest of them; `range_m` is the refined slant range of its strongest echo."""
-
-    profile: Counts
-    highest: Scalar
-    range_m: Scalar
-    strength: Scalar
-    valid: Flag
-    saturated: Flag
-
-
-class SelectedEcho(eqx.Module):
-    """The strongest echo of one sweep, found on cells: the bin to look `near`. `highest`: of the profile."""
-
-    profile: Counts
-    highest: Scalar
-    near: Index
-    strength: Scalar
-    floor: NoiseFloor
-
-
-class Memory(eqx.Module):
-    """`reference`: the profile of the last moments; `gap_s`: time since the last valid sweep; `tracking`: whether
-    there is a reference to compare with."""
-
-    reference: Counts
-    gap_s: Scalar
-    tracking: Flag
-
-
-class Recalled(eqx.Module):
-    """What one sweep is to be held against: the memory before it, and the `share` that it has in the memory after."""
-
-    reference: Counts
-    gap_s: Scalar
-    share: Scalar
-    compared: Flag
-    fresh: Flag
-
-
-class Evidence(eqx.Module):
-    """`statistic`: what a shift explains more than none; `explains`: whether it explains enough. `expected_m`: where
-    the followed echo should be, in the range cell `cell`."""
-
-    statistic: Scalar
-    explains: Flag
-    expected_m: Scalar
-    cell: Index
-
-
-class Followed(eqx.Module):
-    """`range_m`: the followed echo now; `reference_m`: its range in the memory's profile. `age_s`: time since the
-    track began; `lost_s`: how long another echo has been clearly stronger; `quiet_s`: time since the last detection."""
-
-    range_m: Scalar
-    reference_m: Scalar
-    age_s: Scalar
-    lost_s: Scalar
-    quiet_s: Scalar
-    armed: Flag
-
-
-class DefaultState(eqx.Module):
-    """What is remembered of the profiles, and of the echo that is followed in them. The second never changes the
-    first, so that a block of sweeps is compared with its references all at once."""
-
-    memory: Memory
-    echo: Followed
 
 
 class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
@@ -141,7 +77,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     over_scatter: Setting = setting(11.0, 0.0, 1e3, "", "and this many standard deviations of the floor's noise")
     exponent: Setting = setting(0.0, 0.0, 6.0, "", "the echo is selected on amplitudes times (2r)^exponent")
     temperature: Setting = setting(0.1, 1e-3, 10.0, "", "of the soft-argmax that refines the range")
-    cell_m: float = shape_setting(0.02, 1e-4, 1.0, "m", "size of a range cell")
+    cell_m: float = shape_setting(0.02, 2e-3, 1.0, "m", "size of a range cell")
     reach_m: float = shape_setting(0.12, 1e-3, 10.0, "m", "largest shift that is tried")
     pulse_m: float = shape_setting(0.04, 1e-3, 1.0, "m", "width of the window that refines the range, a pulse's width")
 
@@ -150,14 +86,14 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         return self.evidence
 
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> ProfileObservation:
-        selected = self._select(axis, self._averaged(axis, finite(sweep)))
-        window = window_at(sweep, selected.near, self._half_width(axis))
+        selected = self.select(axis, self.averaged(axis, finite(sweep)))
+        window = window_at(sweep, selected.near, self.half_width(axis))
         # The top of a saturated echo may be wider than the window: its middle is all that is known.
-        position = jnp.where(is_saturated(flags), ArgMax()(sweep).position, self._refine(*window))
-        return self._observed(axis, selected, position, flags)
+        position = jnp.where(is_saturated(flags), ArgMax()(sweep).position, self.refine(*window))
+        return self.observed(axis, selected, position, flags)
 
-    def _select(self, axis: RangeAxis, cells: Counts) -> SelectedEcho:
-        centres = self._centres(axis)
+    def select(self, axis: RangeAxis, cells: Counts) -> SelectedEcho:
+        centres = self.centres(axis)
         floor = noise_floor(cells)
         weights = (2.0 * centres) ** self.exponent
         last = cells.shape[0] - 1
@@ -170,7 +106,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         overs = [over(cell) for cell in range(last + 1)]
         cell, _, strength = select_largest([(one * weights[i], one) for i, one in enumerate(overs)])
         per_cell = self._bins_per_cell(axis)
-        profile = _over_floor(cells, floor.level)
+        profile = over_floor(cells, floor.level)
         return SelectedEcho(
             profile=profile,
             highest=largest(profile),
@@ -179,10 +115,10 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
             floor=floor,
         )
 
-    def _refine(self, start: Index, taps: RawSweep) -> Scalar:
+    def refine(self, start: Index, taps: RawSweep) -> Scalar:
         return start + SoftArgmax(self.temperature)(taps).position
 
-    def _observed(self, axis: RangeAxis, echo: SelectedEcho, position: Scalar, flags: Flags) -> ProfileObservation:
+    def observed(self, axis: RangeAxis, echo: SelectedEcho, position: Scalar, flags: Flags) -> ProfileObservation:
         return ProfileObservation(
             profile=echo.profile,
             highest=echo.highest,
@@ -208,11 +144,11 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         motion: MotionSample | None,
         dt: Scalar,
     ) -> tuple[DefaultState, Decision]:
-        memory, recalled = self._remember(state.memory, observation, dt)
-        shift = self._compare(axis, observation, recalled)
-        evidence = self._weigh(axis, state.echo, observation, recalled, shift)
-        around = window_at(observation.profile, evidence.cell, self._around(axis))
-        echo, decision = self._decide(axis, state.echo, observation, recalled, evidence, around, dt)
+        memory, recalled = self.remember(state.memory, observation, dt)
+        shift = self.compare(axis, observation, recalled)
+        evidence = self.weigh(axis, state.echo, observation, recalled, shift)
+        around = window_at(observation.profile, evidence.cell, self.around(axis))
+        echo, decision = self.decide(axis, state.echo, observation, recalled, evidence, around, dt)
         return DefaultState(memory, echo), decision
 
     def follow(
@@ -223,53 +159,9 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         flags: UInt[Array, "logs sweeps"],
         dt: Float[Array, "logs sweeps"],
     ) -> tuple[DefaultState, Decision]:
-        """`observe` and `track`, taken apart: only what remembers goes through time, a step for all logs at once.
+        return follow_block(self, axis, state, sweeps, flags, dt)
 
-        But for what reads the sweeps as recorded, the logs are the last axis of all arrays, so that they fill the
-        processor's registers whatever the number of cells is.
-        """
-        each, side_by_side, logs = _by_log_and_step, _by_step_and_log, partial(jax.vmap, in_axes=-1, out_axes=-1)
-        state = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), state)
-        cells = row_major(each(lambda sweep: self._averaged(axis, finite(sweep)))(sweeps()))
-        flags, steps = row_major(flags.T), row_major(dt.T)
-        with reductions("plain"):
-            selected = side_by_side(partial(self._select, axis))(row_major(jnp.transpose(cells, (1, 2, 0))))
-            selected = jax.tree.map(row_major, selected)
-        window = each(lambda sweep, near: window_at(sweep, near, self._half_width(axis)))(sweeps(), selected.near.T)
-        start, taps = row_major(window[0].T), row_major(jnp.transpose(row_major(window[1]), (1, 2, 0)))
-        with reductions("plain"):
-            refined = side_by_side(self._refine)(start, taps)
-        position = jax.lax.cond(
-            jnp.any(is_saturated(flags)),
-            lambda: jnp.where(is_saturated(flags), each(ArgMax())(sweeps()).position.T, refined),
-            lambda: refined,
-        )
-        seen = jax.tree.map(row_major, side_by_side(partial(self._observed, axis))(selected, position, flags))
-        with reductions("plain"):
-            memory, recalled = jax.lax.scan(
-                lambda before, now: logs(self._remember)(before, *now), state.memory, (seen, steps)
-            )
-            shifts = jax.tree.map(row_major, side_by_side(partial(self._compare, axis))(seen, recalled))
-            follow_echo = partial(self._follow_echo, axis, cells)
-            echo, decisions = jax.lax.scan(
-                follow_echo,
-                state.echo,
-                (jnp.arange(cells.shape[1]), selected.floor.level, seen, recalled, shifts, steps),
-            )
-        after = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), DefaultState(memory, echo))
-        return after, jax.tree.map(jnp.transpose, decisions)
-
-    def _follow_echo(self, axis: RangeAxis, cells: Array, echo: Followed, now: Any) -> tuple[Followed, Decision]:
-        """The step of time for all logs at once, with the few cells that it needs read where they lie together."""
-        step, levels, seen, recalled, shifts, dt = now
-        logs = partial(jax.vmap, in_axes=-1, out_axes=-1)
-        evidence = logs(partial(self._weigh, axis))(echo, seen, recalled, shifts)
-        read = jax.vmap(lambda profiles, middle: window_at(profiles[step], middle, self._around(axis)))
-        start, taps = read(cells, evidence.cell)
-        around = start, _over_floor(row_major(taps.T), levels)
-        return logs(partial(self._decide, axis))(echo, seen, recalled, evidence, around, dt)
-
-    def _remember(self, memory: Memory, observation: ProfileObservation, dt: Scalar) -> tuple[Memory, Recalled]:
+    def remember(self, memory: Memory, observation: ProfileObservation, dt: Scalar) -> tuple[Memory, Recalled]:
         seen = observation.valid
         gap = memory.gap_s + dt
         # Jittering times go back by a little, and then the reference still stands; a clock that was set does not.
@@ -284,15 +176,15 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         )
         return after, Recalled(memory.reference, gap, share, compared, seen & ~tracking)
 
-    def _compare(self, axis: RangeAxis, observation: ProfileObservation, recalled: Recalled) -> ProfileShift:
+    def compare(self, axis: RangeAxis, observation: ProfileObservation, recalled: Recalled) -> ProfileShift:
         cells = observation.profile.shape[0]
         reach = round(self.reach_m / (self._bins_per_cell(axis) * axis.bin_m))
         return profile_shift(observation.profile, recalled.reference, max(1, min(reach, cells - 1)))
 
-    def _weigh(
+    def weigh(
         self, axis: RangeAxis, state: Followed, observation: ProfileObservation, recalled: Recalled, shift: ProfileShift
     ) -> Evidence:
-        centres = self._centres(axis)
+        centres = self.centres(axis)
         cell_m = centres[1] - centres[0]
         shift_m = shift.cells * cell_m
         explained = shift.unexplained_still - shift.unexplained_moved
@@ -308,7 +200,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
             cell=jnp.round((expected_m - centres[0]) / cell_m).astype(jnp.int32),
         )
 
-    def _decide(
+    def decide(
         self,
         axis: RangeAxis,
         state: Followed,
@@ -371,7 +263,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         `taps`: the profile around there, from the cell `start` on.
         """
         near = jnp.abs(observation.range_m - expected_m) <= self.pulse_m
-        centres = self._centres(axis)
+        centres = self.centres(axis)
         cell_m = centres[1] - centres[0]
         places = centres[0] + cell_m * (start + jnp.arange(taps.shape[0]))
         top = first_argmax(taps * jnp.exp(-0.5 * ((places - expected_m) / (0.5 * self.pulse_m)) ** 2))
@@ -379,8 +271,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         last = taps.shape[0] - 1
         sides = jnp.abs(top - 1), last - jnp.abs(last - top - 1)
         offset, height = vertex(value_at(taps, sides[0]), value_at(taps, top), value_at(taps, sides[1]))
-        local_m = centres[0] + cell_m * (start + top)
-        local_m = local_m + offset * cell_m
+        local_m = centres[0] + cell_m * (start + top + offset)
         weak = height < 0.5 * observation.highest
         # What is left around a vanished echo is noise: the range is held until another is taken up.
         local_m = jnp.where(weak | (jnp.abs(local_m - expected_m) > self.pulse_m), expected_m, local_m)
@@ -390,35 +281,20 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         # At least two cells, or there is nothing to shift.
         return max(1, min(round(self.cell_m / axis.bin_m), axis.bins // 2))
 
-    def _around(self, axis: RangeAxis) -> int:
+    def around(self, axis: RangeAxis) -> int:
         """How many cells to either side of where an echo is expected it is looked for in."""
         cells = axis.bins // self._bins_per_cell(axis)
         return min(math.ceil(self.pulse_m / self.cell_m) + 1, (cells - 1) // 2)
 
-    def _half_width(self, axis: RangeAxis) -> int:
+    def half_width(self, axis: RangeAxis) -> int:
         return min(max(1, round(0.5 * self.pulse_m / axis.bin_m)), (axis.bins - 1) // 2)
 
-    def _averaged(self, axis: RangeAxis, values: Sweep) -> Counts:
+    def averaged(self, axis: RangeAxis, values: Sweep) -> Counts:
         per_cell = self._bins_per_cell(axis)
         count = axis.bins // per_cell
         # Divided before it is summed: what follows a sum is a loop of its own.
         return jnp.sum((values[: count * per_cell] / per_cell).reshape(count, per_cell), axis=1)
 
-    def _centres(self, axis: RangeAxis) -> Counts:
+    def centres(self, axis: RangeAxis) -> Counts:
         """Slant range of each cell's middle in metres."""
-        return self._averaged(axis, jnp.asarray(axis.range_m))
-
-
-def _over_floor(cells: Counts, level: Scalar) -> Counts:
-    # The share of the floor that is taken away beyond it keeps its own unevenness out of the profile.
-    return jnp.maximum(cells - 1.1 * level, 0.0)
-
-
-def _by_log_and_step(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Over arrays of shape (logs, sweeps, ...)."""
-    return jax.vmap(jax.vmap(function))
-
-
-def _by_step_and_log(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Over arrays of shape (sweeps, ..., logs)."""
-    return jax.vmap(jax.vmap(function, in_axes=-1, out_axes=-1))
+        return self.averaged(axis, jnp.asarray(axis.range_m))

@@ -160,8 +160,13 @@ def event_weights(
 _run = compiled(run)
 
 
-def _chosen(fields: tuple[str, ...], *arguments: Any) -> dict[str, Array]:
-    return run_batch(*arguments, pick=lambda decisions: {name: _single(getattr(decisions, name)) for name in fields})
+def _chosen(fields: tuple[str, ...], detector: StepDetector[Any, Any], axis: RangeAxis, *inputs: Array) -> Any:
+    sweeps, flags, dt, lengths = inputs
+
+    def pick(decisions: Decision) -> dict[str, Array]:
+        return {name: _single(getattr(decisions, name)) for name in fields}
+
+    return run_batch(detector, axis, sweeps, flags, dt, lengths, pick)
 
 
 def _single(field: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -94,9 +94,9 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
             before = jnp.where(first, state.range_m[:, None], before)
             elapsed = jnp.where(first, dt + state.elapsed_s[:, None], dt)
             seen = ~first | state.seen[:, None]
-            decision = self._decide(observations, before, elapsed, seen)
+            decision = jax.vmap(jax.vmap(self._decide))(observations, before, elapsed, seen)
             last = decision.range_m[:, -1]
-            return RangeRateState(last, jnp.zeros_like(last), jnp.ones_like(state.seen)), decision
+            return jax.vmap(RangeRateState)(last, jnp.zeros_like(last), jnp.ones_like(state.seen)), decision
 
         def with_gaps() -> tuple[RangeRateState, Decision]:
             return self.scan(axis, state, observations, dt)
@@ -157,8 +157,7 @@ class RangeRateDetector(RangeRateBase):
         if not self._windowed:
             return self._observed(axis, self._over_all_bins(axis, sweep), flags)
         selected = self._select(axis, sweep)
-        start, taps = window_at(sweep, selected, self._half_width(axis))
-        return self._observed(axis, self._refine(axis, selected, start, taps), flags)
+        return self._observed(axis, self._refine(selected, *self._read(axis, sweep, selected)), flags)
 
     def _observe_all(
         self,
@@ -170,13 +169,12 @@ class RangeRateDetector(RangeRateBase):
             return super()._observe_all(axis, sweeps, flags)
         each = lambda function: jax.vmap(jax.vmap(function))  # noqa: E731
         selected = each(partial(self._select, axis))(sweeps())
-        read = each(lambda sweep, near: window_at(sweep, near, self._half_width(axis)))
-        start, taps = read(sweeps(), selected)
+        start, *taps = each(partial(self._read, axis))(sweeps(), selected)
         # The few taps of all sweeps side by side: they fill the processor's registers, whatever their number is.
-        taps = row_major(jnp.moveaxis(row_major(taps), -1, 1))
+        taps = [row_major(jnp.moveaxis(row_major(one), -1, 1)) for one in taps]
         with reductions("plain"):
-            refine = jax.vmap(jax.vmap(partial(self._refine, axis), in_axes=-1))
-            return each(partial(self._observed, axis))(refine(selected, start, taps), flags)
+            refine = jax.vmap(jax.vmap(self._refine, in_axes=-1))
+            return each(partial(self._observed, axis))(refine(selected, start, *taps), flags)
 
     @property
     def _windowed(self) -> bool:
@@ -206,15 +204,18 @@ class RangeRateDetector(RangeRateBase):
         position, found = soft_position(values, self.temperature, log_gain, exponent)
         return Peak(jnp.where(found, position, 0.0), largest(values), found)
 
-    def _refine(self, axis: RangeAxis, selected: Index, start: Index, taps: RawSweep) -> Peak:
+    def _read(self, axis: RangeAxis, sweep: RawSweep, selected: Index) -> tuple[Any, ...]:
+        """The first bin of the window, the amplitudes in it, and the logarithms of what they are multiplied by."""
+        start, taps = window_at(sweep, selected, self._half_width(axis))
+        if not self.refine_compensated:
+            return start, taps
+        return start, taps, window_at(self._log_gain(axis), selected, self._half_width(axis))[1]
+
+    def _refine(self, selected: Index, start: Index, taps: RawSweep, log_gain: Sweep | None = None) -> Peak:
         values = finite(taps)
         amplitude = largest(values)
         found = amplitude > 0
-        exponent, log_gain = 0.0, None
-        if self.refine_compensated:
-            # Of the taps alone: constants beside them move nothing.
-            exponent = jnp.asarray(self.exponent, values.dtype)
-            log_gain = jnp.log(2.0 * axis.at((start + jnp.arange(values.shape[0])).astype(values.dtype)))
+        exponent = jnp.asarray(self.exponent, values.dtype)
         if self.peak == "soft-argmax":
             position = start + soft_position(values, self.temperature, log_gain, exponent)[0]
         else:

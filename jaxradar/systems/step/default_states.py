@@ -1,0 +1,89 @@
+"""What the default detector sees of one sweep, and what it remembers from one to the next."""
+
+from __future__ import annotations
+
+import equinox as eqx
+
+from jaxradar._types import Counts, Flag, Index, Scalar
+from jaxradar.signal.clutter import NoiseFloor
+
+__all__ = [
+    "DefaultState",
+    "Evidence",
+    "Followed",
+    "Memory",
+    "ProfileObservation",
+    "Recalled",
+    "SelectedEcho",
+]
+
+
+class ProfileObservation(eqx.Module):
+    """One sweep, seen through the noise: `profile` holds the amplitudes over the floor, averaged over range cells,
+    `highest` the largest of them; `range_m` is the refined slant range of its strongest echo."""
+
+    profile: Counts
+    highest: Scalar
+    range_m: Scalar
+    strength: Scalar
+    valid: Flag
+    saturated: Flag
+
+
+class SelectedEcho(eqx.Module):
+    """The strongest echo of one sweep, found on cells: the bin to look `near`. `highest`: of the profile."""
+
+    profile: Counts
+    highest: Scalar
+    near: Index
+    strength: Scalar
+    floor: NoiseFloor
+
+
+class Memory(eqx.Module):
+    """`reference`: the profile of the last moments; `gap_s`: time since the last valid sweep; `tracking`: whether
+    there is a reference to compare with."""
+
+    reference: Counts
+    gap_s: Scalar
+    tracking: Flag
+
+
+class Recalled(eqx.Module):
+    """What one sweep is to be held against: the memory before it, and the `share` that it has in the memory after."""
+
+    reference: Counts
+    gap_s: Scalar
+    share: Scalar
+    compared: Flag
+    fresh: Flag
+
+
+class Evidence(eqx.Module):
+    """`statistic`: what a shift explains more than none; `explains`: whether it explains enough. `expected_m`: where
+    the followed echo should be, in the range cell `cell`."""
+
+    statistic: Scalar
+    explains: Flag
+    expected_m: Scalar
+    cell: Index
+
+
+class Followed(eqx.Module):
+    """`range_m`: the followed echo now; `reference_m`: its range in the memory's profile. `age_s`: time since the
+    track began; `lost_s`: how long another echo has been clearly stronger; `quiet_s`: time since the last detection."""
+
+    range_m: Scalar
+    reference_m: Scalar
+    age_s: Scalar
+    lost_s: Scalar
+    quiet_s: Scalar
+    armed: Flag
+
+
+class DefaultState(eqx.Module):
+    """What is remembered of the profiles, and of the echo that is followed in them. The second never changes the
+    first, so that a block of sweeps is compared with its references all at once."""
+
+    memory: Memory
+    echo: Followed
