@@ -11,6 +11,7 @@ from typing import NoReturn
 
 from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar.cli import config, convert, demo, evaluate, info, label, view
+from jaxradar.cli._cache import keep_compiled_programs
 from jaxradar.cli._output import shown
 
 __all__ = ["main"]
@@ -92,6 +93,8 @@ def _run(argv: Sequence[str] | None) -> int:
         arguments = _parser().parse_args(argv)
     except SystemExit as leave:
         return leave.code if isinstance(leave.code, int) else 2
+    if argv is None:  # the program itself, whose environment is its own
+        keep_compiled_programs()
     try:
         return int(arguments.run(arguments))
     except JaxradarError as error:

@@ -127,12 +127,12 @@ class Parabola(PeakEstimator):
     def __call__(self, sweep: RawSweep, near: Index | None = None) -> Peak:
         reach = min(self.reach, (sweep.shape[0] - 1) // 2)
         if near is None:
-            top = jnp.asarray(ArgMax()(sweep).position)
+            top = ArgMax()(sweep).position
             near = jnp.round(top).astype(jnp.int32)
         else:
             top = jnp.asarray(near).astype(jnp.result_type(float))
-        start, taps = window_at(sweep, near, reach)
-        taps = finite(taps)
+        start, recorded = window_at(sweep, near, reach)
+        taps = finite(recorded)
         amplitude = largest(taps)
         if reach < 1:
             return Peak(jnp.where(amplitude > 0, top, 0.0), amplitude, amplitude > 0)

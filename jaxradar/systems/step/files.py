@@ -133,7 +133,8 @@ def dump_detector(file: DetectorFile | str) -> str:
         value = getattr(detector, one.name)
         plain = value if isinstance(value, bool | str) else float(value)
         unit = f"{one.metadata['unit']}: " if one.metadata["unit"] else ""
-        lines.append(toml_line(one.name, plain, unit + one.metadata["doc"]))
+        choices = f": {', '.join(one.metadata['choices'])}" if "choices" in one.metadata else ""
+        lines.append(toml_line(one.name, plain, unit + one.metadata["doc"] + choices))
     if file.mounting is not None:
         lines += ["", "[mounting]"]
         lines += [toml_line(key, value) for key, value in vars(file.mounting).items() if value is not None]
