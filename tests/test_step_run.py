@@ -73,7 +73,7 @@ def test_one_sweep_at_a_time_equals_the_scan(name: str) -> None:
     whole = detect(detector, log)
     with precision(detector):
         step = jax.jit(
-            lambda state, sweep, flag, dt: detector.track(state, detector.observe(AXIS, sweep, flag), None, dt)
+            lambda state, sweep, flag, dt: detector.track(AXIS, state, detector.observe(AXIS, sweep, flag), None, dt)
         )
         state, decisions = detector.init(AXIS), []
         for sweep, flag, dt in zip(log.sweeps, log.flags, time_steps(log.times_ns), strict=True):
@@ -98,7 +98,7 @@ def test_the_device_s_step_lowers_without_custom_calls(name: str) -> None:
     detector = DETECTORS[name]()
 
     def step(state, sweep, flag, dt):
-        return detector.track(state, detector.observe(AXIS, sweep, flag), None, dt)
+        return detector.track(AXIS, state, detector.observe(AXIS, sweep, flag), None, dt)
 
     with precision(detector):
         lowered = jax.jit(step).lower(detector.init(AXIS), np.zeros(BINS, np.uint16), np.uint16(0), jnp.zeros(()))
