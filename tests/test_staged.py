@@ -154,8 +154,8 @@ def test_nan_and_infinities_are_numpy_s(dtype: str, size: int, form: str) -> Non
     lost = size > 128 and (form == "plain" or size > MOST_STAGED) and jax.default_backend() == "cpu"
     rows = []
     for bad in (np.nan, -np.nan, np.inf, -np.inf):
-        for place in {0, size // 2, size - 1}:
-            rows.append(np.where(np.arange(size) == place, bad, sample(dtype, (size,))))
+        places = {0, size // 2, size - 1}
+        rows += [np.where(np.arange(size) == place, bad, sample(dtype, (size,))) for place in places]
     rows.append(np.where(np.arange(size) % 2, np.inf, -np.inf))
     rows.append(np.full(size, np.nan))
     rows.append(np.where(np.arange(size) % 2, np.nan, np.inf))

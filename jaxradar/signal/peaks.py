@@ -144,6 +144,8 @@ class Parabola(PeakEstimator):
     def through(taps: Sweep, top: Scalar | Index) -> Scalar:
         """Vertex of the parabola through an odd number of taps, in bins from the first; `top` if none is among them."""
         reach = (taps.shape[0] - 1) // 2
+        if reach < 1:  # one tap has no curvature, and 0/0 would give NaN gradients
+            return jnp.asarray(top).astype(taps.dtype)
         steps = np.arange(-reach, reach + 1, dtype=np.float64)
         square = steps**2 - np.mean(steps**2)
         slope = total(taps * jnp.asarray(steps / np.sum(steps**2), taps.dtype))
