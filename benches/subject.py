@@ -92,7 +92,7 @@ def runner(detector: Any, batch: Batch, arrays: Arrays) -> Callable[[], Outputs]
 def temp_bytes(detector: Any, batch: Batch) -> int | None:
     """What the compiled program sets aside beside its inputs and outputs, if the compiler says so."""
     # `detect_batch` hides the program that it calls.
-    program = getattr(importlib.import_module("jaxradar.systems.step.pipeline"), "_batch", None)
+    program = getattr(importlib.import_module("jaxradar.systems.step.batch"), "_batch", None)
     if program is None:
         return None
     with step.precision(detector):

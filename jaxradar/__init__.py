@@ -16,6 +16,7 @@ Steps out:
 - `load_detector`: a detector by name or from a TOML file, as a `DetectorFile`.
 - `dump_detector`: a detector as commented TOML.
 - `detect`: run a detector over a series.
+- `detect_batch`: run it over thousands of series of one `RangeAxis`; `time_steps` makes one of its inputs.
 - `thin`: keep some of the range bins, as the lab's program does.
 - `StepTrace`, `StepEvent`: all that a detector found out about a series; one detection.
 
@@ -59,12 +60,15 @@ if TYPE_CHECKING:
     from jaxradar.sim import DemoScene, demo_drive
     from jaxradar.systems.step import (
         DetectorFile,
+        RangeAxis,
         StepEvent,
         StepTrace,
         detect,
+        detect_batch,
         dump_detector,
         load_detector,
         thin,
+        time_steps,
     )
     from jaxradar.units import free_space_loss, friis_power_ratio
 
@@ -80,6 +84,7 @@ __all__ = [
     "Matching",
     "Motion",
     "Mounting",
+    "RangeAxis",
     "RoadStep",
     "SensorSeries",
     "StepEvent",
@@ -89,6 +94,7 @@ __all__ = [
     "Truth",
     "demo_drive",
     "detect",
+    "detect_batch",
     "dump_detector",
     "find_logs",
     "free_space_loss",
@@ -101,6 +107,7 @@ __all__ = [
     "read_log",
     "summarise",
     "thin",
+    "time_steps",
     "write_log",
 ]
 
@@ -113,7 +120,7 @@ _HOMES = {
     "plots": "plot_drive plot_sweeps",
     "sim": "DemoScene demo_drive",
     "units": "free_space_loss friis_power_ratio",
-    "systems.step": "DetectorFile StepEvent StepTrace detect dump_detector load_detector thin",
+    "systems.step": "DetectorFile RangeAxis StepEvent StepTrace detect detect_batch dump_detector load_detector thin time_steps",
 }
 
 

@@ -4,7 +4,6 @@ from jaxradar._numerics.compilation import compiled, row_major
 from jaxradar._numerics.guards import (
     as_scalar,
     finite,
-    masked_moments,
     nonnegative,
     safe_divide,
     safe_sqrt,
@@ -34,7 +33,6 @@ __all__ = [
     "first_argmax",
     "first_largest",
     "largest",
-    "masked_moments",
     "nonnegative",
     "packed_largest",
     "reductions",

@@ -4,8 +4,9 @@ XLA turns a reduction over the last axis into a chain of single numbers on a CPU
 `LANES` bins, one vector register or two, which are combined element by element in a tree; a chain is left for the last
 `LANES` alone. An axis that is no multiple of `LANES` has its last slice filled up, so that any length will do.
 An accelerator reduces well by itself: there the plain form is taken, and so it is where sweeps lie side by side, the
-batch being the last axis in memory. The maxima and the arg-maxima are the same bit by bit in both forms, with one rule
-for ties, so that no platform moves a peak; sums agree within rounding (the tree errs less than a chain).
+batch being the last axis in memory (`reductions("plain")`). The maxima and the arg-maxima are the same bit by bit in
+both forms, with one rule for ties, so that no platform moves a peak; sums agree within rounding (the tree errs less
+than a chain).
 """
 
 from __future__ import annotations
@@ -68,13 +69,23 @@ def _staged(values: Array) -> bool:
     return cpu_shaped() and values.shape[-1] <= MOST_STAGED
 
 
-def _slices(values: Array, identity: Any) -> list[Array]:
-    count, width = values.shape[-1], LANES
-    parts = [values[..., start : start + width] for start in range(0, count, width)]
-    if count > width and count % width:
-        short = [(0, 0)] * (values.ndim - 1) + [(0, -count % width)]
-        parts[-1] = jnp.pad(parts[-1], short, constant_values=identity)
+def _filled_slices(values: Array) -> list[Array]:
+    """Slices of `LANES` bins, the last one filled up with 0."""
+    count = values.shape[-1]
+    parts = [values[..., start : start + LANES] for start in range(0, count, LANES)]
+    if count > LANES and count % LANES:
+        parts[-1] = jnp.pad(parts[-1], [(0, 0)] * (values.ndim - 1) + [(0, -count % LANES)])
     return parts
+
+
+def _starts(count: int) -> list[int]:
+    """Where slices begin that cover all bins, some of them twice: that moves no extreme."""
+    starts = list(range(0, count - LANES + 1, LANES)) or [0]
+    return starts if count <= LANES or starts[-1] + LANES == count else [*starts, count - LANES]
+
+
+def _covering_slices(values: Array) -> list[Array]:
+    return [values[..., start : start + LANES] for start in _starts(values.shape[-1])]
 
 
 def _tree(parts: list[Any], combine: Combine) -> Any:
@@ -93,7 +104,7 @@ def total(values: Values) -> Reduced:
 @jax.custom_jvp
 def _total(values: Array) -> Array:
     wide = values.astype(jax.eval_shape(jnp.sum, values).dtype)
-    return jnp.sum(_tree(_slices(wide, 0), jnp.add), axis=-1)
+    return jnp.sum(_tree(_filled_slices(wide), jnp.add), axis=-1)
 
 
 @_total.defjvp
@@ -116,7 +127,7 @@ def sliced(*arrays: Values) -> list[tuple[Array, ...]]:
     whole = [jnp.asarray(one) for one in arrays]
     if not _staged(whole[0]):
         return [tuple(whole)]
-    return list(zip(*(_slices(one, 0) for one in whole), strict=True))
+    return list(zip(*(_filled_slices(one) for one in whole), strict=True))
 
 
 def summed(terms: Sequence[tuple[Array, ...]], count: int) -> tuple[Reduced, ...]:
@@ -128,14 +139,6 @@ def summed(terms: Sequence[tuple[Array, ...]], count: int) -> tuple[Reduced, ...
         last = tuple(jnp.where(real, one, 0) for one in last)
     sums = _tree([*others, last], lambda a, b: tuple(x + y for x, y in zip(a, b, strict=True)))
     return tuple(jnp.sum(one, axis=-1) for one in sums)
-
-
-def _bounds(dtype: Any) -> tuple[Any, Any]:
-    if jnp.issubdtype(dtype, jnp.bool_):
-        return False, True
-    if jnp.issubdtype(dtype, jnp.floating):
-        return -jnp.inf, jnp.inf
-    return jnp.iinfo(dtype).min, jnp.iinfo(dtype).max
 
 
 def largest(values: Values) -> Reduced:
@@ -152,19 +155,20 @@ def smallest(values: Values) -> Reduced:
 
 @jax.custom_jvp
 def _largest(values: Array) -> Array:
-    return _extreme(values, jnp.maximum, jnp.max, _bounds(values.dtype)[0], jnp.nan)
+    return _extreme(values, jnp.maximum, jnp.max, jnp.nan)
 
 
 @jax.custom_jvp
 def _smallest(values: Array) -> Array:
-    return _extreme(values, jnp.minimum, jnp.min, _bounds(values.dtype)[1], -jnp.nan)
+    return _extreme(values, jnp.minimum, jnp.min, -jnp.nan)
 
 
-def _extreme(values: Array, combine: Combine, reduce: Callable[..., Array], identity: Any, nan: float) -> Array:
-    lanes = _tree(_slices(values, identity), combine)
+def _extreme(values: Array, combine: Combine, reduce: Callable[..., Array], nan: float) -> Array:
+    lanes = _tree(_covering_slices(values), combine)
     if lanes.dtype != jnp.float32:
         return reduce(lanes, axis=-1)
-    # As integers of the same order: the compiler does not chain those. One kind of NaN, since their signs differ.
+    # As integers of the same order: the compiler does not chain those. A NaN must win: of all floats, the negative one
+    # has the lowest integer, the positive one the highest.
     return _from_ordered_bits(reduce(_ordered_bits(jnp.where(jnp.isnan(lanes), nan, lanes)), axis=-1))
 
 
@@ -187,13 +191,25 @@ def first_argmax(values: Values) -> Int[Array, "*shape"]:
     return first_largest(values)[0]
 
 
-def first_largest(values: Values) -> tuple[Int[Array, "*shape"], Reduced]:
-    """Index of the largest value, the first of equals, and the value; exact. `values` must hold no NaN.
+def _itself(values: Array) -> Array:
+    return values
 
-    No gradient flows through either.
+
+def first_largest(*arrays: Values, of: Callable[..., Array] = _itself) -> tuple[Int[Array, "*shape"], Reduced]:
+    """Index of the largest value, the first of equals, and the value; exact. No value may be NaN.
+
+    The values are what `of` makes of the arrays, element by element: it is applied to one slice after the other, so
+    that they are not written to memory first. No gradient flows through either result.
     """
-    values = jax.lax.stop_gradient(jnp.asarray(values))
-    return _keyed(values) if _staged(values) and _fits_key(values.dtype) else _searched(values)
+    whole = [jax.lax.stop_gradient(jnp.asarray(one)) for one in arrays]
+    dtype = jax.eval_shape(of, *whole).dtype
+    if _staged(whole[0]) and jnp.dtype(dtype).itemsize <= 4 and dtype != jnp.uint32:
+        return _keyed(whole, of)
+    # Two reductions: exact, and every back end has them. What they read is made once.
+    values = jax.lax.optimization_barrier(of(*whole))
+    count, top = values.shape[-1], largest(values)
+    bins = jnp.arange(count, dtype=jnp.int32)
+    return smallest(jnp.where(values == top[..., None], bins, count - 1)), top
 
 
 def value_at(values: Values, index: Int[Array | np.ndarray, "*shape"]) -> Reduced:
@@ -214,42 +230,23 @@ def select_largest(candidates: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
     return tuple(_tree(pairs, _later_if_larger))
 
 
-def _fits_key(dtype: Any) -> bool:
-    return jnp.dtype(dtype).itemsize <= 4 and dtype != jnp.uint32
-
-
-def _searched(values: Array) -> tuple[Array, Array]:
-    """Two reductions: exact, and every back end has them. What they read is made once."""
-    values = jax.lax.optimization_barrier(values)
-    count, top = values.shape[-1], largest(values)
-    bins = jnp.arange(count, dtype=jnp.int32)
-    return smallest(jnp.where(values == top[..., None], bins, count - 1)), top
-
-
 def _later_if_larger(first: Any, second: Any) -> Any:
     larger = second[1] > first[1]
     return tuple(jnp.where(larger, b, a) for a, b in zip(first, second, strict=True))
 
 
-def _select(values: Array) -> tuple[Array, Array]:
-    """For each lane the index of the largest value and the value, selected together in a tree."""
-    parts = _slices(values, _bounds(values.dtype)[0])
-    width = parts[0].shape[-1]
-    starts = [jnp.full(width, step * width, jnp.int32) for step in range(len(parts))]
-    start, top = _tree(list(zip(starts, parts, strict=True)), _later_if_larger)
-    return start + jnp.arange(width, dtype=jnp.int32), top
-
-
-def _keyed(values: Array) -> tuple[Array, Array]:
-    """Of the `LANES` pairs of value and index that are left, one 64-bit key each holds both."""
-    count, dtype = values.shape[-1], values.dtype
+def _keyed(whole: list[Array], of: Callable[..., Array]) -> tuple[Array, Array]:
+    """Value and index are selected together down to `LANES` pairs, each of which makes one 64-bit key."""
+    count = whole[0].shape[-1]
+    parts = [of(*slices) for slices in zip(*map(_covering_slices, whole), strict=True)]
+    dtype = parts[0].dtype
     floating = jnp.issubdtype(dtype, jnp.floating)
     with jax.enable_x64(True):  # for the key alone; nothing of it is left outside
-        # What fills up the last slice never wins: it is no larger than what stands before it in its lane.
-        index, top = _select(values.astype(jnp.float32 if floating else jnp.int32))
+        lanes = jnp.arange(parts[0].shape[-1], dtype=jnp.int32)
+        wide = [part.astype(jnp.float32 if floating else jnp.int32) for part in parts]
+        index, top = _tree(list(zip([start + lanes for start in _starts(count)], wide, strict=True)), _later_if_larger)
         ordered = _ordered_bits(top) if floating else top
-        key = (ordered.astype(jnp.int64) << 32) | (count - 1 - index).astype(jnp.int64)
-        best = jnp.max(key, axis=-1)
+        best = jnp.max((ordered.astype(jnp.int64) << 32) | (count - 1 - index).astype(jnp.int64), axis=-1)
         high = (best >> 32).astype(jnp.int32)
         found = (count - 1) - (best & 0xFFFFFFFF).astype(jnp.int32)
     return found, (_from_ordered_bits(high) if floating else high).astype(dtype)
@@ -257,7 +254,9 @@ def _keyed(values: Array) -> tuple[Array, Array]:
 
 def _ordered_bits(values: Float[Array, "*shape"]) -> Int[Array, "*shape"]:
     """Floats as integers of the same order: the bits as they are, those of negative numbers turned round."""
-    bits = jax.lax.bitcast_convert_type(jnp.where(values == 0, 0.0, values).astype(jnp.float32), jnp.int32)
+    bits = jax.lax.bitcast_convert_type(
+        jnp.where(values == 0, jnp.zeros((), values.dtype), values).astype(jnp.float32), jnp.int32
+    )
     return bits ^ ((bits >> 31) & 0x7FFFFFFF)
 
 
@@ -266,20 +265,29 @@ def _from_ordered_bits(ordered: Int[Array, "*shape"]) -> Float[Array, "*shape"]:
 
 
 def packed_largest(
-    values: Float[Array | np.ndarray, "*shape bins"],
+    *arrays: Values, of: Callable[..., Array] = _itself
 ) -> tuple[Int[Array, "*shape"], Float[Array, "*shape"]]:
-    """Index and value of the largest of doubles, none below 0 and none NaN, in a single pass.
+    """Index and value of the largest of doubles, none below 0 and none NaN, in a single pass; `of` as above.
 
-    The last log₂(bins) bits of each number, rounded up, make room for its index. Values that differ in these alone
+    The last ⌈log₂ bins⌉ bits of each number are replaced by its index. Values that differ in these alone
     count as equal, and the first wins: at 128 bins that is a share of 3e-14, less than what two ways of rounding the
-    product of an amplitude and a weight differ by after a few more operations. Raises `TypeError` for other types.
+    product of an amplitude and a weight differ by after a few more operations. The product of a 16-bit count and a
+    single-precision weight has no such bits: there it is exact. Raises `TypeError` where `of` does not give float64.
     """
-    values = jax.lax.stop_gradient(jnp.asarray(values))
-    if values.dtype != jnp.float64:
-        raise TypeError(f"`packed_largest` takes float64; got {values.dtype}.")
-    count = values.shape[-1]
+    whole = [jax.lax.stop_gradient(jnp.asarray(one)) for one in arrays]
+    dtype = jax.eval_shape(of, *whole).dtype
+    if dtype != jnp.float64:
+        raise TypeError(f"`packed_largest` takes float64; got {dtype}.")
+    count = whole[0].shape[-1]
     low = (1 << max(count - 1, 1).bit_length()) - 1
-    bits = jax.lax.bitcast_convert_type(values, jnp.int64) & ~low
-    best = largest(bits | (low - jnp.arange(count)))
-    index = (low - (best & low)).astype(jnp.int32)
-    return index, jax.lax.bitcast_convert_type(best & ~low, jnp.float64)
+
+    def keys(index: Array, *part: Array) -> Array:
+        return (jax.lax.bitcast_convert_type(of(*part), jnp.int64) & ~low) | (low - index)
+
+    reverse = [jnp.arange(count), *whole]
+    if _staged(whole[0]):
+        parts = [keys(*part) for part in zip(*map(_covering_slices, reverse), strict=True)]
+        best = jnp.max(_tree(parts, jnp.maximum), axis=-1)
+    else:
+        best = jnp.max(keys(*reverse), axis=-1)
+    return (low - (best & low)).astype(jnp.int32), jax.lax.bitcast_convert_type(best & ~low, jnp.float64)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import platform
 import sys
-from pathlib import Path
 
 import platformdirs
 
@@ -20,7 +19,7 @@ def keep_compiled_programs() -> None:
     """
     if "jax" in sys.modules or "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return
-    folder = Path(platformdirs.user_cache_path("jaxradar")) / "compiled" / (platform.node() or "here")
+    folder = platformdirs.user_cache_path("jaxradar") / "compiled" / (platform.node() or "here")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:

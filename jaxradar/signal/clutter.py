@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxradar._numerics import safe_divide, safe_sqrt, total, totals
 from jaxradar._types import Counts, Scalar
 
-__all__ = ["NoiseFloor", "noise_floor", "over_floor"]
+__all__ = ["NoiseFloor", "noise_floor", "subtract_floor"]
 
 
 class NoiseFloor(eqx.Module):
@@ -47,7 +47,7 @@ def noise_floor(cells: Counts) -> NoiseFloor:
     return NoiseFloor(safe_divide(level, count), safe_sqrt(0.5 * safe_divide(squares, pairs)))
 
 
-def over_floor(cells: Counts, level: Scalar) -> Counts:
+def subtract_floor(cells: Counts, level: Scalar) -> Counts:
     """The amplitudes over a floor of this level, 0 where they are below it.
 
     A tenth of the floor is taken away beyond it: that keeps its own unevenness out.

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from jaxradar._numerics import safe_divide, safe_sqrt, select_largest, total
-from jaxradar._types import Counts, Lags, Scalar
+from jaxradar._types import Counts, Index, Lags, Scalar
 from jaxradar.signal.peaks import vertex
 
 __all__ = ["ProfileShift", "profile_shift", "shifted_correlations"]
@@ -15,6 +16,7 @@ __all__ = ["ProfileShift", "profile_shift", "shifted_correlations"]
 # Of a profile's norm, what is never more than noise. Near a correlation of 1 the sine is steep: without this, float32's
 # last digit of the correlation would move it by 3e-4, and its gradient would have no bound.
 NOISE_SHARE = 0.03
+MOST_UNROLLED = 64  # lags; the time to compile grows with them
 
 
 class ProfileShift(eqx.Module):
@@ -49,8 +51,16 @@ def _correlations(profile: Counts, reference: Counts, reach: int) -> list[Scalar
     count = profile.shape[0]
     energy = total(profile * profile) * total(reference * reference)
     inverse = safe_divide(jnp.ones_like(energy), safe_sqrt(energy))
+    lags = range(-reach, reach + 1)
+    if len(lags) > MOST_UNROLLED:
+        padded = jnp.pad(reference, reach)
+
+        def product(lag: Index) -> Scalar:
+            return inverse * total(profile * jax.lax.dynamic_slice(padded, (reach - lag,), (count,)))
+
+        return list(jax.lax.map(product, jnp.arange(-reach, reach + 1)))
     # One after the other, not as an array: a loop over lags would do one sweep at a time.
-    overlaps = ((max(0, lag), count + min(0, lag), lag) for lag in range(-reach, reach + 1))
+    overlaps = ((max(0, lag), count + min(0, lag), lag) for lag in lags)
     return [inverse * total(profile[low:high] * reference[low - lag : high - lag]) for low, high, lag in overlaps]
 
 

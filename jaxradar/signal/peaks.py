@@ -207,9 +207,9 @@ class MatchedFilter(WindowEstimator):
             correlation = jnp.maximum(jnp.sum(match), jnp.finfo(window.dtype).tiny)
             rise = jnp.sum(match * offset) / correlation
             bend = jnp.sum(match * (offset**2 - 1.0)) / correlation
-            total = jnp.sum(energy_here)
-            energy_rise = jnp.sum(energy_here * 2.0 * offset) / total
-            energy_bend = jnp.sum(energy_here * (4.0 * offset**2 - 2.0)) / total
+            energy = jnp.sum(energy_here)
+            energy_rise = jnp.sum(energy_here * 2.0 * offset) / energy
+            energy_bend = jnp.sum(energy_here * (4.0 * offset**2 - 2.0)) / energy
             slope = (rise - 0.5 * energy_rise) / sigma
             curvature = (bend - rise**2 - 0.5 * (energy_bend - energy_rise**2)) / sigma**2
             concave = curvature < 0

@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
-from jaxradar._numerics import cpu_shaped, first_largest, reductions, safe_divide, sliced, summed, value_at
-from jaxradar._types import Flag, Index, Scalar, Setting, Sweep
+from jaxradar._numerics import cpu_shaped, finite, first_largest, reductions, safe_divide, sliced, summed, value_at
+from jaxradar._types import Flag, Index, RawSweep, Scalar, Setting, Sweep
 
 __all__ = ["soft_position"]
 
@@ -27,28 +27,28 @@ class _Weighed(NamedTuple):
     mean: Scalar
 
 
-def _weigh(values: Sweep, log_gain: Sweep, exponent: Scalar, temperature: Scalar) -> _Weighed:
-    bins = jnp.arange(values.shape[-1], dtype=values.dtype) - _middle(values)
+def _weigh(values: RawSweep, log_gain: Sweep, exponent: Scalar, temperature: Scalar) -> _Weighed:
+    bins = jnp.arange(values.shape[-1], dtype=log_gain.dtype) - _middle(values)
     gains = jnp.exp(exponent * log_gain)
-    at, top = first_largest(values * gains)
+    at, top = first_largest(values, gains, of=lambda value, gain: finite(value) * gain)
     inverse = safe_divide(jnp.ones_like(top), top)
     # The largest weight is 1, so the sum is at least 1, whatever underflows beside it; so it is in a silent sweep.
     most = jnp.where(top > 0, 1.0, 0.0)
-    parts = [(value * gain * inverse, *rest) for value, gain, *rest in sliced(values, gains, log_gain, bins)]
+    parts = [(finite(value) * gain * inverse, *rest) for value, gain, *rest in sliced(values, gains, log_gain, bins)]
     weights = [jnp.exp((ratio - most) / temperature) for ratio, _, _ in parts]
     terms = [(weight, weight * offset) for weight, (_, _, offset) in zip(weights, parts, strict=True)]
     whole, first = summed(terms, values.shape[-1])
     return _Weighed(at, top, parts, weights, whole, first / whole)
 
 
-def _middle(values: Sweep) -> float:
+def _middle(values: RawSweep) -> float:
     # Offsets from the middle, not from bin 0: small numbers keep float32's digits.
     return 0.5 * (values.shape[-1] - 1)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _position(
-    form: str, values: Sweep, log_gain: Sweep, exponent: Scalar, temperature: Scalar
+    form: str, values: RawSweep, log_gain: Sweep, exponent: Scalar, temperature: Scalar
 ) -> tuple[Scalar, Scalar]:
     with reductions(form):
         found = _weigh(values, log_gain, exponent, temperature)
@@ -62,7 +62,7 @@ def _position_jvp(form: str, primals: Any, tangents: Any) -> tuple[Any, Any]:
 
 
 def _differentiated(primals: Any, tangents: Any) -> tuple[Any, Any]:
-    # With u = v/v_max and w = exp((u - 1)/T): d mean = sum w (i - mean) d((u - 1)/T) / sum w. What hangs on the
+    # With u = v/v_max and w = exp((u - 1)/T): d mean = sum w (i - mean) d((u - 1)/T) / sum w. What depends on the
     # two scalars is two sums a sweep; arrays of the sweep's size come in only if the amplitudes themselves change.
     values, log_gain, _, temperature = primals
     d_values, d_log_gain, d_exponent, d_temperature = tangents
@@ -81,8 +81,12 @@ def _differentiated(primals: Any, tangents: Any) -> tuple[Any, Any]:
 
 
 def _moved(found: _Weighed, pull: Scalar, primals: Any, d_values: Any, d_log_gain: Any) -> Scalar:
-    """What changes of the amplitudes, or of their gains, add: a plain sum, which transposes to a broadcast."""
-    values, log_gain, exponent, temperature = primals
+    """The part of the derivative that comes from changes of the amplitudes or of their gains.
+
+    A plain sum, because its transpose is a broadcast.
+    """
+    recorded, log_gain, exponent, temperature = primals
+    values = finite(recorded).astype(log_gain.dtype)
     gains = jnp.exp(exponent * log_gain)
     inverse = safe_divide(jnp.ones_like(found.top), found.top)[..., None]
     ratio = values * gains * inverse
@@ -102,20 +106,21 @@ _position.defjvp(_position_jvp, symbolic_zeros=True)
 
 
 def soft_position(
-    values: Sweep, temperature: Setting, log_gain: Sweep | None = None, exponent: Setting = 0.0
+    values: RawSweep, temperature: Setting, log_gain: Sweep | None = None, exponent: Setting = 0.0
 ) -> tuple[Scalar, Flag]:
     """Mean of the bins, in bins from 0, under weights exp((v/v_max - 1) / `temperature`), and whether any is above 0.
 
-    Here v = values × e^(exponent × log_gain). For amplitudes that are finite; the middle if all are 0. Derivatives by
+    Here v = values × e^(exponent × log_gain), NaN and infinities left out; the middle if all are 0. Derivatives by
     `temperature` and `exponent` are taken from moments of the sweep, so that reverse mode keeps a few numbers a sweep
     and no array of its size.
     """
-    dtype = jnp.result_type(values)
+    values = jnp.asarray(values)
+    dtype = values.dtype if jnp.issubdtype(values.dtype, jnp.floating) else jnp.result_type(float)
     if log_gain is None:
         log_gain = jnp.zeros(values.shape[-1], dtype)
     position, top = _position(
         "staged" if cpu_shaped() else "plain",
-        jnp.asarray(values),
+        values,
         jnp.asarray(log_gain, dtype),
         jnp.asarray(exponent, dtype),
         jnp.asarray(temperature, dtype),

@@ -1,5 +1,6 @@
 """Road steps out of radar sweeps: the thesis's rule, the lab's live alarm, and the detector to use."""
 
+from jaxradar.systems.step.batch import detect_batch
 from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector
 from jaxradar.systems.step.default import DefaultDetector
 from jaxradar.systems.step.files import DETECTORS, DetectorFile, dump_detector, load_detector

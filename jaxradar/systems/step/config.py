@@ -2,8 +2,8 @@
 
 A detector *is* its configuration: an `equinox.Module` whose tunable values are array leaves, so that another value
 never recompiles, and whose shapes are static. `observe` looks at ONE sweep and is vmapped over everything; `track` is
-the only thing that remembers and is scanned over time. Batches, tuning and the device run these same two functions;
-`follow` is `track` over a block of sweeps, for those that can do it faster than one after the other.
+the only thing that remembers and is scanned over time. The device runs these two as they are; `follow` does both over
+a block of sweeps, for batches and tuning, and decides the same.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ __all__ = [
     "MotionSample",
     "RangeAxis",
     "StepDetector",
+    "SweepPeak",
     "choice_setting",
+    "each_sweep",
     "is_saturated",
     "setting",
     "shape_setting",
@@ -113,6 +115,20 @@ class Decision(eqx.Module):
     event: Flag
 
 
+class SweepPeak(eqx.Module):
+    """The strongest echo of one sweep: slant range in metres, amplitude in counts."""
+
+    range_m: Scalar
+    strength: Scalar
+    valid: Flag
+    saturated: Flag
+
+
+def each_sweep(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`function` of one sweep over arrays of shape (logs, sweeps, ...)."""
+    return jax.vmap(jax.vmap(function))
+
+
 Observed = TypeVar("Observed")
 State = TypeVar("State")
 
@@ -163,7 +179,7 @@ class StepDetector(eqx.Module, Generic[Observed, State]):
         `sweeps()` cuts the block out of the batch where it is read, so that it is not copied first. A detector may
         write this otherwise where that is faster, with the same decisions.
         """
-        observations = jax.vmap(jax.vmap(partial(self.observe, axis)))(sweeps(), flags)
+        observations = each_sweep(partial(self.observe, axis))(sweeps(), flags)
         return self.scan(axis, state, observations, dt)
 
     def scan(

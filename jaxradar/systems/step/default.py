@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Shaped, UInt
 
 from jaxradar._numerics import finite, first_argmax, largest, select_largest, value_at
 from jaxradar._types import Counts, Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
-from jaxradar.signal.clutter import noise_floor, over_floor
+from jaxradar.signal.clutter import noise_floor, subtract_floor
 from jaxradar.signal.correlate import ProfileShift, profile_shift
 from jaxradar.signal.peaks import ArgMax, SoftArgmax, vertex, window_at
 from jaxradar.systems.step.config import (
@@ -35,7 +35,7 @@ from jaxradar.systems.step.default_states import (
     SelectedEcho,
 )
 
-__all__ = ["DefaultDetector", "DefaultState", "ProfileObservation"]
+__all__ = ["DefaultDetector"]
 
 
 LONGEST_SILENCE = 5.0  # refractory times after which a detector speaks again whatever the evidence does
@@ -93,6 +93,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         return self.observed(axis, selected, position, flags)
 
     def select(self, axis: RangeAxis, cells: Counts) -> SelectedEcho:
+        """The strongest echo of one sweep over its own noise floor."""
         centres = self.centres(axis)
         floor = noise_floor(cells)
         weights = (2.0 * centres) ** self.exponent
@@ -106,7 +107,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         overs = [over(cell) for cell in range(last + 1)]
         cell, _, strength = select_largest([(one * weights[i], one) for i, one in enumerate(overs)])
         per_cell = self._bins_per_cell(axis)
-        profile = over_floor(cells, floor.level)
+        profile = subtract_floor(cells, floor.level)
         return SelectedEcho(
             profile=profile,
             highest=largest(profile),
@@ -116,9 +117,11 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         )
 
     def refine(self, start: Index, taps: RawSweep) -> Scalar:
+        """Its place in bins, out of the amplitudes around it, which begin with the bin `start`."""
         return start + SoftArgmax(self.temperature)(taps).position
 
     def observed(self, axis: RangeAxis, echo: SelectedEcho, position: Scalar, flags: Flags) -> ProfileObservation:
+        """What is known of one sweep without those before it."""
         return ProfileObservation(
             profile=echo.profile,
             highest=echo.highest,
@@ -147,7 +150,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         memory, recalled = self.remember(state.memory, observation, dt)
         shift = self.compare(axis, observation, recalled)
         evidence = self.weigh(axis, state.echo, observation, recalled, shift)
-        around = window_at(observation.profile, evidence.cell, self.around(axis))
+        around = window_at(observation.profile, evidence.cell, self.search_half_width(axis))
         echo, decision = self.decide(axis, state.echo, observation, recalled, evidence, around, dt)
         return DefaultState(memory, echo), decision
 
@@ -162,6 +165,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         return follow_block(self, axis, state, sweeps, flags, dt)
 
     def remember(self, memory: Memory, observation: ProfileObservation, dt: Scalar) -> tuple[Memory, Recalled]:
+        """The running mean after this sweep, and what this sweep is to be held against."""
         seen = observation.valid
         gap = memory.gap_s + dt
         # Jittering times go back by a little, and then the reference still stands; a clock that was set does not.
@@ -177,6 +181,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         return after, Recalled(memory.reference, gap, share, compared, seen & ~tracking)
 
     def compare(self, axis: RangeAxis, observation: ProfileObservation, recalled: Recalled) -> ProfileShift:
+        """How far the profile lies from the running mean."""
         cells = observation.profile.shape[0]
         reach = round(self.reach_m / (self._bins_per_cell(axis) * axis.bin_m))
         return profile_shift(observation.profile, recalled.reference, max(1, min(reach, cells - 1)))
@@ -184,6 +189,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     def weigh(
         self, axis: RangeAxis, state: Followed, observation: ProfileObservation, recalled: Recalled, shift: ProfileShift
     ) -> Evidence:
+        """What that says of a step, and where the followed echo should be now."""
         centres = self.centres(axis)
         cell_m = centres[1] - centres[0]
         shift_m = shift.cells * cell_m
@@ -210,6 +216,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         around: tuple[Index, Counts],
         dt: Scalar,
     ) -> tuple[Followed, Decision]:
+        """The decision; `around` is the profile near the expected echo, after the cell that this begins with."""
         seen, compared, gap = observation.valid, recalled.compared, recalled.gap_s
         statistic = evidence.statistic
         age = jnp.where(recalled.fresh, 0.0, state.age_s + jnp.maximum(dt, 0.0))
@@ -220,7 +227,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         rested = (statistic < self.release) | (quiet >= LONGEST_SILENCE * self.refractory_s)
         rearmed = rested & (quiet >= self.refractory_s)
 
-        followed_m, lost = self._follow(axis, observation, evidence.expected_m, *around)
+        followed_m, lost = self._local_range(axis, observation, evidence.expected_m, *around)
         # Forgotten as slowly as it was gathered: one sweep that looks like the old echo does not bring it back.
         passed = jnp.where(compared, jnp.maximum(gap, 0.0), 0.0)
         lost_s = jnp.maximum(state.lost_s + jnp.where(lost, passed, -passed), 0.0)
@@ -255,7 +262,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
             event=event,
         )
 
-    def _follow(
+    def _local_range(
         self, axis: RangeAxis, observation: ProfileObservation, expected_m: Scalar, start: Index, taps: Counts
     ) -> tuple[Scalar, Flag]:
         """The range of the echo nearest to where it is expected, and whether a far stronger one stands elsewhere.
@@ -281,7 +288,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         # At least two cells, or there is nothing to shift.
         return max(1, min(round(self.cell_m / axis.bin_m), axis.bins // 2))
 
-    def around(self, axis: RangeAxis) -> int:
+    def search_half_width(self, axis: RangeAxis) -> int:
         """How many cells to either side of where an echo is expected it is looked for in."""
         cells = axis.bins // self._bins_per_cell(axis)
         return min(math.ceil(self.pulse_m / self.cell_m) + 1, (cells - 1) // 2)

@@ -1,4 +1,4 @@
-"""The default detector over a block of sweeps: what is dear for all at once, what remembers a step after the other."""
+"""The default detector over a block: what is costly is done for all sweeps at once, what remembers one by one."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Shaped, UInt
 
 from jaxradar._numerics import finite, reductions, row_major
-from jaxradar.signal.clutter import over_floor
+from jaxradar.signal.clutter import subtract_floor
 from jaxradar.signal.peaks import ArgMax, window_at
-from jaxradar.systems.step.config import Decision, RangeAxis, is_saturated
+from jaxradar.systems.step.config import Decision, RangeAxis, each_sweep, is_saturated
 from jaxradar.systems.step.default_states import DefaultState, Followed
 
 if TYPE_CHECKING:
@@ -32,33 +32,32 @@ def follow_block(
 ) -> tuple[DefaultState, Decision]:
     """`StepDetector.follow` with the steps of `observe` and `track` of all sweeps side by side.
 
-    But for what reads the sweeps as recorded, the logs are the last axis of all arrays, so that they fill the
+    Except where the sweeps are read as recorded, the logs are the last axis of all arrays, so that they fill the
     processor's registers whatever the number of cells is; and that axis is the last in memory, too.
     """
-    each, side_by_side = _by_log_and_step, _by_step_and_log
     state = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), state)
-    cells = row_major(each(lambda sweep: detector.averaged(axis, finite(sweep)))(sweeps()))
+    cells = row_major(each_sweep(lambda sweep: detector.averaged(axis, finite(sweep)))(sweeps()))
     flags, steps = row_major(flags.T), row_major(dt.T)
     with reductions("plain"):
-        selected = side_by_side(partial(detector.select, axis))(row_major(jnp.transpose(cells, (1, 2, 0))))
+        selected = _by_step_and_log(partial(detector.select, axis))(row_major(jnp.transpose(cells, (1, 2, 0))))
         selected = jax.tree.map(row_major, selected)
-    read = each(lambda sweep, near: window_at(sweep, near, detector.half_width(axis)))
+    read = each_sweep(lambda sweep, near: window_at(sweep, near, detector.half_width(axis)))
     start, taps = read(sweeps(), selected.near.T)
     with reductions("plain"):
-        refined = side_by_side(detector.refine)(
+        refined = _by_step_and_log(detector.refine)(
             row_major(start.T), row_major(jnp.transpose(row_major(taps), (1, 2, 0)))
         )
-    # Looking at all bins again is left out of a block without a saturated sweep.
+    # As in `observe`; but looking at all bins again is left out of a block without a saturated sweep.
     position = jax.lax.cond(
         jnp.any(is_saturated(flags)),
-        lambda: jnp.where(is_saturated(flags), each(ArgMax())(sweeps()).position.T, refined),
+        lambda: jnp.where(is_saturated(flags), each_sweep(ArgMax())(sweeps()).position.T, refined),
         lambda: refined,
     )
-    seen = jax.tree.map(row_major, side_by_side(partial(detector.observed, axis))(selected, position, flags))
+    seen = jax.tree.map(row_major, _by_step_and_log(partial(detector.observed, axis))(selected, position, flags))
     with reductions("plain"):
         remember = _by_log(detector.remember)
         memory, recalled = jax.lax.scan(lambda before, now: remember(before, *now), state.memory, (seen, steps))
-        shifts = jax.tree.map(row_major, side_by_side(partial(detector.compare, axis))(seen, recalled))
+        shifts = jax.tree.map(row_major, _by_step_and_log(partial(detector.compare, axis))(seen, recalled))
         by_step = (jnp.arange(cells.shape[1]), selected.floor.level, seen, recalled, shifts, steps)
         echo, decisions = jax.lax.scan(partial(_follow_echo, detector, axis, cells), state.echo, by_step)
     after = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), DefaultState(memory, echo))
@@ -68,18 +67,16 @@ def follow_block(
 def _follow_echo(
     detector: DefaultDetector, axis: RangeAxis, cells: Array, echo: Followed, now: Any
 ) -> tuple[Followed, Decision]:
-    """One step of time for all logs, with the few cells that it needs read where those of a sweep lie together."""
+    """One step of time for all logs, with the few cells that it needs read where those of a sweep lie together.
+
+    As in `track`, but for that: the floor is taken away from these cells again.
+    """
     step, levels, seen, recalled, shifts, dt = now
     evidence = _by_log(partial(detector.weigh, axis))(echo, seen, recalled, shifts)
-    read = jax.vmap(lambda profiles, middle: window_at(profiles[step], middle, detector.around(axis)))
+    read = jax.vmap(lambda profiles, middle: window_at(profiles[step], middle, detector.search_half_width(axis)))
     start, taps = read(cells, evidence.cell)
-    around = start, _by_log(over_floor)(row_major(taps.T), levels)
+    around = start, _by_log(subtract_floor)(row_major(taps.T), levels)
     return _by_log(partial(detector.decide, axis))(echo, seen, recalled, evidence, around, dt)
-
-
-def _by_log_and_step(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Over arrays of shape (logs, sweeps, ...)."""
-    return jax.vmap(jax.vmap(function))
 
 
 def _by_step_and_log(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -50,7 +50,9 @@ class Memory(eqx.Module):
 
 
 class Recalled(eqx.Module):
-    """What one sweep is to be held against: the memory before it, and the `share` that it has in the memory after."""
+    """What one sweep is to be held against: the memory before it, and the `share` that it has in the memory after.
+    `gap_s`: time since the last valid sweep; `compared`: whether there is something to compare it with; `fresh`:
+    whether a track begins with it."""
 
     reference: Counts
     gap_s: Scalar
@@ -71,7 +73,8 @@ class Evidence(eqx.Module):
 
 class Followed(eqx.Module):
     """`range_m`: the followed echo now; `reference_m`: its range in the memory's profile. `age_s`: time since the
-    track began; `lost_s`: how long another echo has been clearly stronger; `quiet_s`: time since the last detection."""
+    track began; `lost_s`: how long another echo has been clearly stronger; `quiet_s`: time since the last detection;
+    `armed`: whether the evidence has been low since then."""
 
     range_m: Scalar
     reference_m: Scalar

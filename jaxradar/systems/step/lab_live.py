@@ -15,12 +15,12 @@ from jaxradar.systems.step.config import (
     MotionSample,
     RangeAxis,
     StepDetector,
+    SweepPeak,
     is_saturated,
     setting,
     shape_setting,
     usable,
 )
-from jaxradar.systems.step.range_rate import SweepPeak
 
 __all__ = ["LabLiveDetector", "LabLiveState"]
 

@@ -1,13 +1,10 @@
-"""A detector over whole series and padded batches of them: the same `observe` and `track` everywhere."""
+"""A detector over one series and over padded batches of them, as pure functions; and over a log."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import Any
 
 import jax
@@ -17,18 +14,13 @@ from jaxtyping import Array, Float, Int, Shaped, UInt
 
 from jaxradar._errors import ConfigError
 from jaxradar._numerics import compiled, soft_exceeds
-from jaxradar._toml import nearest
 from jaxradar._types import Setting
 from jaxradar.drive import NANOSECONDS, Motion, SensorSeries, SweepFlag
+from jaxradar.systems.step.blocks import check_shapes, in_blocks
 from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
 from jaxradar.systems.step.result import StepEvent, StepTrace
 
-FEWEST_LOGS = 64  # a thread's share, below which its vectors are not filled
-# Sweeps in a block: what is made of them stays in the processor's cache, and a block's loops outweigh their starts.
-BLOCK_BY_LOGS = 32768
-BLOCK_BY_TIME = 4096
-
-__all__ = ["detect", "detect_batch", "event_weights", "precision", "run", "run_batch", "thin", "time_steps"]
+__all__ = ["detect", "event_weights", "precision", "run", "run_batch", "thin", "time_steps"]
 
 
 def time_steps(times_ns: Int[np.ndarray, " sweeps"]) -> Float[np.ndarray, " sweeps"]:
@@ -68,81 +60,18 @@ def run_batch(
     """All decisions on a batch of series of one range axis, each field (logs, sweeps); invalid beyond `lengths`.
 
     Goes through the batch in blocks of some thousand sweeps, so that no temporary grows with the batch; of each,
-    only what `pick` makes of its decisions is kept. Pure, to be jit-compiled and differentiated; call it inside
-    `precision(detector)`. `detect_batch` is this, compiled.
+    only what `pick` makes of its decisions is kept: arrays whose first two axes are (logs, sweeps of the block).
+    Pure, to be jit-compiled and differentiated; `detect_batch` is this, compiled. Call it inside
+    `precision(detector)`. Raises `ValueError` in a precision that the detector does not take, and for shapes that do
+    not fit each other.
     """
-    block = partial(_block, detector, axis, pick)
-    start = partial(_initial, detector, axis)
-    inputs = (jnp.asarray(sweeps), jnp.asarray(flags), jnp.asarray(dt, jnp.result_type(float)), jnp.asarray(lengths))
-    return (_by_time if detector.sequential else _by_logs)(block, start, *inputs)
-
-
-def _block(
-    detector: StepDetector[Any, Any],
-    axis: RangeAxis,
-    pick: Callable[[Decision], Any],
-    state: Any,
-    sweeps: Callable[[], Array],
-    flags: Array,
-    dt: Array,
-    left: Array,
-) -> tuple[Any, Any]:
-    """One block, of which the first `left` sweeps of each log are real."""
-    beyond = jnp.arange(flags.shape[1]) >= left[:, None]
-    flags = jnp.where(beyond, flags | np.uint16(SweepFlag.NO_AMPLITUDES), flags).astype(jnp.uint16)
-    state, decisions = detector.follow(axis, state, sweeps, flags, dt)
-    return state, pick(decisions)
-
-
-def _initial(detector: StepDetector[Any, Any], axis: RangeAxis, logs: int) -> Any:
-    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (logs, *jnp.shape(leaf))), detector.init(axis))
-
-
-def _part(count: int, wanted: int) -> int:
-    """The largest divisor of `count` that is not above `wanted`, or `wanted` if all of them are far smaller."""
-    wanted = max(1, min(count, wanted))
-    divisor = next(one for one in range(wanted, 0, -1) if count % one == 0)
-    return divisor if 2 * divisor >= wanted else wanted
-
-
-def _by_logs(block: Callable[..., Any], start: Callable[[int], Any], *inputs: Array) -> Any:
-    """A few logs at a time, each from its first sweep to its last."""
-    logs, sweeps = inputs[1].shape
-    part = _part(logs, BLOCK_BY_LOGS // sweeps)
-    groups = logs // part
-
-    def one(group: Any) -> Any:
-        sweeps, *rest = group
-        return block(start(sweeps.shape[0]), lambda: sweeps, *rest)[1]
-
-    if groups == 1:
-        return one(inputs)
-    head = tuple(values[: groups * part].reshape(groups, part, *values.shape[1:]) for values in inputs)
-    done = jax.tree.map(lambda leaf: leaf.reshape(groups * part, *leaf.shape[2:]), jax.lax.map(one, head))
-    if groups * part == logs:
-        return done
-    rest = one([values[groups * part :] for values in inputs])
-    return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), done, rest)
-
-
-def _by_time(block: Callable[..., Any], start: Callable[[int], Any], *inputs: Array) -> Any:
-    """All logs side by side, a few sweeps at a time."""
-    *columns, lengths = inputs
-    logs, sweeps = columns[1].shape
-    part = _part(sweeps, BLOCK_BY_TIME // logs)
-    blocks = sweeps // part
-
-    def one(state: Any, first: Any) -> Any:
-        cut = [partial(jax.lax.dynamic_slice_in_dim, values, first, part, 1) for values in columns]
-        return block(state, cut[0], cut[1](), cut[2](), lengths - first)
-
-    state, done = jax.lax.scan(one, start(logs), part * jnp.arange(blocks, dtype=lengths.dtype))
-    done = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, 1).reshape(logs, blocks * part), done)
-    if blocks * part == sweeps:
-        return done
-    rest = [values[:, blocks * part :] for values in columns]
-    ending = block(state, lambda: rest[0], *rest[1:], lengths - blocks * part)[1]
-    return jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), done, ending)
+    if detector.float64 and not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        raise ValueError(
+            f"the detector `{detector.name}` needs double precision; call it inside `precision(detector)`."
+        )
+    sweeps, flags, dt, lengths = (jnp.asarray(values) for values in (sweeps, flags, dt, lengths))
+    check_shapes(axis, sweeps, flags, dt, lengths)
+    return in_blocks(detector, axis, pick, sweeps, flags, dt.astype(jnp.result_type(float)), lengths)
 
 
 def event_weights(
@@ -158,73 +87,6 @@ def event_weights(
 
 
 _run = compiled(run)
-
-
-def _chosen(fields: tuple[str, ...], detector: StepDetector[Any, Any], axis: RangeAxis, *inputs: Array) -> Any:
-    sweeps, flags, dt, lengths = inputs
-
-    def pick(decisions: Decision) -> dict[str, Array]:
-        return {name: _single(getattr(decisions, name)) for name in fields}
-
-    return run_batch(detector, axis, sweeps, flags, dt, lengths, pick)
-
-
-def _single(field: Array) -> Array:
-    # The decisions were made in the detector's own precision; what is given out fits the sensor's.
-    return field.astype(jnp.float32) if jnp.issubdtype(field.dtype, jnp.floating) else field
-
-
-_batch = compiled(_chosen, static_argnums=0)
-
-
-def detect_batch(
-    detector: StepDetector[Any, Any],
-    axis: RangeAxis,
-    sweeps: Shaped[Array | np.ndarray, "logs sweeps bins"],
-    flags: UInt[Array | np.ndarray, "logs sweeps"],
-    dt: Float[Array | np.ndarray, "logs sweeps"],
-    lengths: Int[Array | np.ndarray, " logs"],
-    fields: tuple[str, ...] = ("range_m", "speed_m_s", "valid", "event"),
-) -> dict[str, Array]:
-    """`run_batch`, compiled, giving only those `fields` of the `Decision`s: what is not asked for is not computed.
-
-    Aligned NumPy arrays (64 bytes) and memory-mapped files enter as they are, without a copy. The first call for
-    each shape compiles. Floats are given out in single precision. Returns before the result is there, as JAX does:
-    `jax.block_until_ready` waits for it.
-    Raises `ConfigError` for an unknown field.
-    """
-    known = [field.name for field in dataclasses.fields(Decision)]
-    for name in fields:
-        if name not in known:
-            raise ConfigError(f"unknown field `{name}`{nearest(name, known)}; expected {', '.join(known)}.")
-    run_part = partial(_batch_part, tuple(fields), detector, axis)
-    inputs = (sweeps, flags, dt, lengths)
-    workers = _workers(detector, len(lengths))
-    if workers == 1:
-        return run_part(*inputs)
-    # Going through time is one thread's work: a few logs for each.
-    host = [np.asarray(values) for values in inputs]
-    ends = [len(lengths) * part // workers for part in range(workers + 1)]
-    with ThreadPoolExecutor(workers) as pool:
-        parts = pool.map(
-            lambda low, high: jax.block_until_ready(run_part(*(values[low:high] for values in host))), ends, ends[1:]
-        )
-        return {name: jnp.concatenate(one) for name, one in _transposed(list(parts)).items()}
-
-
-def _batch_part(fields: tuple[str, ...], detector: StepDetector[Any, Any], *arguments: Any) -> dict[str, Array]:
-    with precision(detector):
-        return _batch(fields, detector, *arguments)
-
-
-def _workers(detector: StepDetector[Any, Any], logs: int) -> int:
-    if not detector.sequential or jax.default_backend() != "cpu":
-        return 1
-    return max(1, min(len(os.sched_getaffinity(0)), logs // FEWEST_LOGS))
-
-
-def _transposed(parts: list[dict[str, Array]]) -> dict[str, list[Array]]:
-    return {name: [part[name] for part in parts] for name in parts[0]}
 
 
 def _padded_length(count: int) -> int:

@@ -20,7 +20,9 @@ from jaxradar.systems.step.config import (
     MotionSample,
     RangeAxis,
     StepDetector,
+    SweepPeak,
     choice_setting,
+    each_sweep,
     is_saturated,
     setting,
     shape_setting,
@@ -29,16 +31,7 @@ from jaxradar.systems.step.config import (
 
 Sweeps = Callable[[], Shaped[Array, "logs sweeps bins"]]
 
-__all__ = ["RangeRateBase", "RangeRateDetector", "RangeRateState", "SweepPeak"]
-
-
-class SweepPeak(eqx.Module):
-    """The strongest echo of one sweep: slant range in metres, amplitude in counts."""
-
-    range_m: Scalar
-    strength: Scalar
-    valid: Flag
-    saturated: Flag
+__all__ = ["RangeRateBase", "RangeRateDetector", "RangeRateState"]
 
 
 class RangeRateState(eqx.Module):
@@ -56,7 +49,8 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
     statistic_unit: ClassVar[str] = "m/s"
     sequential: ClassVar[bool] = False
 
-    threshold_m_s: eqx.AbstractVar[Setting]
+    threshold_m_s: Setting = setting(0.7, 0.0, 1e3, "m/s", "a range rate above this is a step (thesis, section 6.1)")
+    exponent: Setting = setting(2.0, 0.0, 6.0, "", "amplitudes are multiplied by (2r)^exponent (thesis, B.2)")
 
     @property
     def threshold(self) -> Setting:
@@ -110,7 +104,7 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
         sweeps: Sweeps,
         flags: UInt[Array, "logs sweeps"],
     ) -> SweepPeak:
-        return jax.vmap(jax.vmap(partial(self.observe, axis)))(sweeps(), flags)
+        return each_sweep(partial(self.observe, axis))(sweeps(), flags)
 
     def _decide(self, now: SweepPeak, before_m: Scalar, elapsed: Scalar, seen: Flag) -> Decision:
         known = now.valid & seen & (elapsed > 0)
@@ -145,8 +139,6 @@ class RangeRateDetector(RangeRateBase):
 
     name: ClassVar[str] = "range-rate"
 
-    threshold_m_s: Setting = setting(0.7, 0.0, 1e3, "m/s", "a range rate above this is a step (thesis, section 6.1)")
-    exponent: Setting = setting(2.0, 0.0, 6.0, "", "amplitudes are multiplied by (2r)^exponent (thesis, B.2)")
     temperature: Setting = setting(0.1, 1e-3, 10.0, "", "of the soft-argmax, as a share of the largest amplitude")
     peak: str = choice_setting("soft-argmax", PEAKS, "how the place of the echo between the bins is found")
     window_m: float = shape_setting(0.045, 1e-4, 10.0, "m", "width of what the parabola and the soft-argmax look at")
@@ -155,7 +147,7 @@ class RangeRateDetector(RangeRateBase):
 
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> SweepPeak:
         if not self._windowed:
-            return self._observed(axis, self._over_all_bins(axis, sweep), flags)
+            return self._observed(axis, self._unwindowed(axis, sweep), flags)
         selected = self._select(axis, sweep)
         return self._observed(axis, self._refine(selected, *self._read(axis, sweep, selected)), flags)
 
@@ -167,14 +159,13 @@ class RangeRateDetector(RangeRateBase):
     ) -> SweepPeak:
         if not self._windowed:
             return super()._observe_all(axis, sweeps, flags)
-        each = lambda function: jax.vmap(jax.vmap(function))  # noqa: E731
-        selected = each(partial(self._select, axis))(sweeps())
-        start, *taps = each(partial(self._read, axis))(sweeps(), selected)
+        selected = each_sweep(partial(self._select, axis))(sweeps())
+        start, *taps = each_sweep(partial(self._read, axis))(sweeps(), selected)
         # The few taps of all sweeps side by side: they fill the processor's registers, whatever their number is.
         taps = [row_major(jnp.moveaxis(row_major(one), -1, 1)) for one in taps]
         with reductions("plain"):
             refine = jax.vmap(jax.vmap(self._refine, in_axes=-1))
-            return each(partial(self._observed, axis))(refine(selected, start, *taps), flags)
+            return each_sweep(partial(self._observed, axis))(refine(selected, start, *taps), flags)
 
     @property
     def _windowed(self) -> bool:
@@ -190,19 +181,19 @@ class RangeRateDetector(RangeRateBase):
         gain = jnp.exp(jnp.asarray(self.exponent, float) * self._log_gain(axis))
         # In double the product of a count and a single-precision gain is exact, and leaves room for the index.
         with jax.enable_x64(True):
-            return packed_largest(nonnegative(sweep).astype(jnp.float64) * gain.astype(jnp.float64))[0]
+            return packed_largest(sweep, gain.astype(jnp.float64), of=lambda counts, one: nonnegative(counts) * one)[0]
 
-    def _over_all_bins(self, axis: RangeAxis, sweep: RawSweep) -> Peak:
+    def _unwindowed(self, axis: RangeAxis, sweep: RawSweep) -> Peak:
         if self.peak == "matched filter":
             return MatchedFilter(self.pulse_m / axis.bin_m)(sweep)
-        values, log_gain = finite(sweep), self._log_gain(axis)
+        log_gain = self._log_gain(axis)
         if self.peak == "arg-max":
             selected = self._select(axis, sweep)
-            amplitude = values[selected]
+            amplitude = finite(sweep)[selected]
             return Peak(selected.astype(log_gain.dtype), amplitude, amplitude > 0)
         exponent = jnp.asarray(self.exponent, log_gain.dtype)
-        position, found = soft_position(values, self.temperature, log_gain, exponent)
-        return Peak(jnp.where(found, position, 0.0), largest(values), found)
+        position, found = soft_position(sweep, self.temperature, log_gain, exponent)
+        return Peak(jnp.where(found, position, 0.0), largest(finite(sweep)), found)
 
     def _read(self, axis: RangeAxis, sweep: RawSweep, selected: Index) -> tuple[Any, ...]:
         """The first bin of the window, the amplitudes in it, and the logarithms of what they are multiplied by."""

@@ -7,9 +7,9 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 from jaxradar._numerics import finite, nonnegative, packed_largest
-from jaxradar._types import Flags, RawSweep, Setting
-from jaxradar.systems.step.config import RangeAxis, is_saturated, setting, usable
-from jaxradar.systems.step.range_rate import RangeRateBase, SweepPeak
+from jaxradar._types import Flags, RawSweep
+from jaxradar.systems.step.config import RangeAxis, SweepPeak, is_saturated, usable
+from jaxradar.systems.step.range_rate import RangeRateBase
 
 __all__ = ["ThesisDetector"]
 
@@ -27,14 +27,11 @@ class ThesisDetector(RangeRateBase):
     name: ClassVar[str] = "thesis"
     float64: ClassVar[bool] = True
 
-    threshold_m_s: Setting = setting(0.7, 0.0, 1e3, "m/s", "a range rate above this is a step (thesis, section 6.1)")
-    exponent: Setting = setting(2.0, 0.0, 6.0, "", "amplitudes are multiplied by (2r)^exponent (thesis, B.2)")
-
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> SweepPeak:
         round_trip = 2.0 * jnp.asarray(axis.range_m)
         # The compiler's power is off by its last digit now and then; the thesis's own square is a product.
         weights = jnp.where(self.exponent == 2.0, round_trip * round_trip, round_trip**self.exponent)
-        peak, compensated = packed_largest(nonnegative(sweep) * weights)
+        peak, compensated = packed_largest(sweep, weights, of=lambda counts, weight: nonnegative(counts) * weight)
         return SweepPeak(
             range_m=jnp.asarray(axis.range_m)[peak],
             strength=finite(sweep)[peak],

@@ -1,0 +1,97 @@
+"""Batches of recorded sweeps at the speed of memory: `run_batch`, compiled, on all cores."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, Shaped, UInt
+
+from jaxradar._errors import ConfigError
+from jaxradar._numerics import compiled
+from jaxradar._toml import nearest
+from jaxradar.systems.step.blocks import check_shapes
+from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
+from jaxradar.systems.step.pipeline import precision, run_batch
+
+FEWEST_LOGS = 64  # a thread's share, below which its vectors are not filled
+
+__all__ = ["detect_batch"]
+
+
+def detect_batch(
+    detector: StepDetector[Any, Any],
+    axis: RangeAxis,
+    sweeps: Shaped[Array | np.ndarray, "logs sweeps bins"],
+    flags: UInt[Array | np.ndarray, "logs sweeps"],
+    dt: Float[Array | np.ndarray, "logs sweeps"],
+    lengths: Int[Array | np.ndarray, " logs"],
+    fields: tuple[str, ...] = ("range_m", "speed_m_s", "valid", "event"),
+) -> dict[str, Array]:
+    """Those `fields` of the `Decision`s on a batch, each (logs, sweeps); what is not asked for is not computed.
+
+    `sweeps`: counts as recorded, `flags`: `SweepFlag`s (a saturated sweep is known by its flag alone), `dt` as from
+    `time_steps`, `lengths`: how many sweeps of each log are real; the others come out invalid. Floats are given out in
+    single precision. NumPy arrays that are aligned to 64 bytes, and files mapped into memory, enter as they are,
+    without a copy. The first call for each shape compiles.
+
+    On a CPU the logs are shared out among threads where a detector is `sequential`, and the call ends when all is
+    done; else it returns before, as JAX does (`jax.block_until_ready` waits).
+
+    Raises `ConfigError` for an unknown field, `ValueError` for shapes that do not fit each other.
+    """
+    known = [field.name for field in dataclasses.fields(Decision)]
+    for name in fields:
+        if name not in known:
+            raise ConfigError(f"unknown field `{name}`{nearest(name, known)}; expected {', '.join(known)}.")
+    inputs = (sweeps, flags, dt, lengths)
+    check_shapes(axis, *inputs)
+    double = detector.float64 or jax.config.jax_enable_x64  # type: ignore[attr-defined]
+    call = partial(_in_precision, double, tuple(fields), detector, axis)
+    threads = _threads(detector, len(lengths))
+    if threads == 1:
+        return call(*inputs)
+    host = [np.asarray(values) for values in inputs]
+    ends = [len(lengths) * part // threads for part in range(threads + 1)]
+    with ThreadPoolExecutor(threads) as pool:
+        found = pool.map(lambda low, high: call(*(values[low:high] for values in host)), ends, ends[1:])
+        parts = list(found)
+    return {name: jnp.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _threads(detector: StepDetector[Any, Any], logs: int) -> int:
+    """Going through time is one thread's work, so each gets some of the logs; other loops fill all cores themselves."""
+    if not detector.sequential or jax.default_backend() != "cpu":
+        return 1
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(cores, logs // FEWEST_LOGS))
+
+
+def _in_precision(double: bool, fields: tuple[str, ...], detector: StepDetector[Any, Any], *arguments: Any) -> Any:
+    # A context of JAX belongs to one thread: each enters it again.
+    with jax.enable_x64(double), precision(detector):
+        found = _batch(fields, detector, *arguments)
+        return jax.block_until_ready(found) if detector.sequential else found
+
+
+def _run_fields(fields: tuple[str, ...], detector: StepDetector[Any, Any], axis: RangeAxis, *inputs: Array) -> Any:
+    sweeps, flags, dt, lengths = inputs
+
+    def pick(decisions: Decision) -> dict[str, Array]:
+        return {name: _to_single(getattr(decisions, name)) for name in fields}
+
+    return run_batch(detector, axis, sweeps, flags, dt, lengths, pick)
+
+
+def _to_single(field: Array) -> Array:
+    # The decisions were made in the detector's own precision; what is given out fits the sensor's.
+    return field.astype(jnp.float32) if jnp.issubdtype(field.dtype, jnp.floating) else field
+
+
+_batch = compiled(_run_fields, static_argnums=0)

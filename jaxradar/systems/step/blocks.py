@@ -1,0 +1,116 @@
+"""A batch gone through in blocks: a few logs, or a few sweeps of all logs, at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxradar.drive import SweepFlag
+from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
+
+# Sweeps in a block: what is made of them stays in the processor's cache, and a block's loops outweigh their starts.
+BLOCK_BY_LOGS = 32768
+BLOCK_BY_TIME = 4096
+
+
+__all__ = ["check_shapes", "in_blocks"]
+
+Block = Callable[..., tuple[Any, Any]]
+
+
+def check_shapes(axis: RangeAxis, sweeps: Any, flags: Any, dt: Any, lengths: Any) -> None:
+    """Raises `ValueError`, with all shapes, unless these make a batch."""
+    shapes = [values.shape for values in (sweeps, flags, dt, lengths)]
+    logs_and_sweeps = sweeps.shape[:2]
+    if shapes != [(*logs_and_sweeps, axis.bins), logs_and_sweeps, logs_and_sweeps, logs_and_sweeps[:1]]:
+        raise ValueError(
+            "expected sweeps, flags, dt and lengths of shapes (logs, sweeps, bins), (logs, sweeps), (logs, sweeps) and "
+            f"(logs,) with {axis.bins} bins; got {', '.join(map(str, shapes))}."
+        )
+
+
+def in_blocks(
+    detector: StepDetector[Any, Any], axis: RangeAxis, pick: Callable[[Decision], Any], *inputs: Array
+) -> Any:
+    """What `pick` makes of all decisions, as (logs, sweeps, ...). `inputs`: as `check_shapes` takes them."""
+    block, start = partial(_block, detector, axis, pick), partial(_initial, detector, axis)
+    logs, sweeps = inputs[1].shape
+    if not logs or not sweeps:
+        one = [jnp.zeros((1, *(1 for _ in values.shape[1:2]), *values.shape[2:]), values.dtype) for values in inputs]
+        shapes = jax.eval_shape(partial(_by_logs, block, start), *one)
+        return jax.tree.map(lambda leaf: jnp.zeros((logs, sweeps, *leaf.shape[2:]), leaf.dtype), shapes)
+    return (_by_time if detector.sequential else _by_logs)(block, start, *inputs)
+
+
+def _block(
+    detector: StepDetector[Any, Any],
+    axis: RangeAxis,
+    pick: Callable[[Decision], Any],
+    state: Any,
+    sweeps: Callable[[], Array],
+    flags: Array,
+    dt: Array,
+    left: Array,
+) -> tuple[Any, Any]:
+    """One block, of which the first `left` sweeps of each log are real."""
+    beyond = jnp.arange(flags.shape[1]) >= left[:, None]
+    flags = jnp.where(beyond, flags | np.uint16(SweepFlag.NO_AMPLITUDES), flags).astype(jnp.uint16)
+    state, decisions = detector.follow(axis, state, sweeps, flags, dt)
+    return state, pick(decisions)
+
+
+def _initial(detector: StepDetector[Any, Any], axis: RangeAxis, logs: int) -> Any:
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (logs, *jnp.shape(leaf))), detector.init(axis))
+
+
+def _block_size(count: int, wanted: int) -> int:
+    """The largest divisor of `count` that is not above `wanted`, or `wanted` if all of them are far smaller."""
+    wanted = max(1, min(count, wanted))
+    divisor = next(one for one in range(wanted, 0, -1) if count % one == 0)
+    return divisor if 2 * divisor >= wanted else wanted
+
+
+def _by_logs(block: Block, start: Callable[[int], Any], *inputs: Array) -> Any:
+    """A few logs at a time, each from its first sweep to its last."""
+    logs, sweeps = inputs[1].shape
+    part = _block_size(logs, BLOCK_BY_LOGS // sweeps)
+    groups = logs // part
+
+    def one(group: Any) -> Any:
+        sweeps, *rest = group
+        return block(start(sweeps.shape[0]), lambda: sweeps, *rest)[1]
+
+    if groups == 1:
+        return one(inputs)
+    head = tuple(values[: groups * part].reshape(groups, part, *values.shape[1:]) for values in inputs)
+    done = jax.tree.map(lambda leaf: leaf.reshape(groups * part, *leaf.shape[2:]), jax.lax.map(one, head))
+    if groups * part == logs:
+        return done
+    rest = one([values[groups * part :] for values in inputs])
+    return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), done, rest)
+
+
+def _by_time(block: Block, start: Callable[[int], Any], *inputs: Array) -> Any:
+    """All logs side by side, a few sweeps at a time."""
+    *columns, lengths = inputs
+    logs, sweeps = columns[1].shape
+    part = _block_size(sweeps, BLOCK_BY_TIME // logs)
+    blocks = sweeps // part
+
+    def one(state: Any, first: Any) -> Any:
+        cut = [partial(jax.lax.dynamic_slice_in_dim, values, first, part, 1) for values in columns]
+        return block(state, cut[0], cut[1](), cut[2](), lengths - first)
+
+    state, done = jax.lax.scan(one, start(logs), part * jnp.arange(blocks, dtype=lengths.dtype))
+    done = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, 1).reshape(logs, blocks * part), done)
+    if blocks * part == sweeps:
+        return done
+    rest = [values[:, blocks * part :] for values in columns]
+    ending = block(state, lambda: rest[0], *rest[1:], lengths - blocks * part)[1]
+    return jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), done, ending)
