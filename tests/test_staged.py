@@ -437,3 +437,26 @@ def test_double_keys_leave_single_precision_outside(form: str) -> None:
     assert [one.dtype for one in got] == [np.int32, np.float32, np.float32, np.float32]
     assert not jax.config.jax_enable_x64
     assert jnp.arange(3.0).dtype == np.float32
+
+
+@pytest.mark.parametrize("size", [1, 33, 127, 9000])
+def test_largest_of_what_is_made_of_several_arrays(size: int) -> None:
+    """Counts times weights, slice by slice: a row of weights for all rows of counts, or one for each."""
+    counts = sample("uint16", (4, size), seed=1)
+    weights = np.random.default_rng(2).random((4, size)).astype(np.float32)
+
+    def product(count: jax.Array, weight: jax.Array) -> jax.Array:
+        return count.astype(weight.dtype) * weight
+
+    for form in FORMS:
+        index, top = jitted(lambda a, b: first_largest(a, b, of=product), form)(counts, weights)
+        products = counts.astype(np.float32) * weights
+        np.testing.assert_array_equal(index, products.argmax(axis=-1))
+        np.testing.assert_array_equal(top, products.max(axis=-1))
+        with jax.enable_x64(True):
+            index, top = jitted(lambda a, b: packed_largest(a, b, of=product), form)(
+                counts, weights[0].astype(np.float64)
+            )
+        products = counts * weights[0].astype(np.float64)
+        np.testing.assert_array_equal(index, products.argmax(axis=-1))
+        np.testing.assert_allclose(top, products.max(axis=-1), rtol=size * 4.5e-16)

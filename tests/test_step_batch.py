@@ -22,12 +22,13 @@ from jaxradar.systems.step import (
     RangeAxis,
     RangeRateDetector,
     ThesisDetector,
+    blocks,
     detect_batch,
     event_weights,
-    pipeline,
     precision,
     run_batch,
 )
+from jaxradar.systems.step import batch as step_batch
 from jaxradar.systems.step.config import Decision
 from jaxradar.systems.step.range_rate import PEAKS
 
@@ -145,8 +146,8 @@ def test_a_batch_without_gaps_is_each_log_by_itself(name: str) -> None:
 def test_blocks_and_what_is_left_of_them(name: str, gaps: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks of 2 logs or of 5 sweeps, of 7 logs of 23 sweeps: neither divides."""
     detector, inputs, axis = DETECTORS[name], batch(7, 23, 127, gaps=gaps, seed=1), axis_of(127)
-    monkeypatch.setattr(pipeline, "BLOCK_BY_LOGS", 2 * 23)
-    monkeypatch.setattr(pipeline, "BLOCK_BY_TIME", 5 * 7)
+    monkeypatch.setattr(blocks, "BLOCK_BY_LOGS", 2 * 23)
+    monkeypatch.setattr(blocks, "BLOCK_BY_TIME", 5 * 7)
     with precision(detector):
         got = jax.jit(lambda *one: run_batch(detector, axis, *one))(*inputs)
     together = {field: np.asarray(getattr(got, field)) for field in FIELDS}
@@ -154,37 +155,68 @@ def test_blocks_and_what_is_left_of_them(name: str, gaps: bool, monkeypatch: pyt
 
 
 def test_many_logs_go_to_threads_and_come_back_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    detector, inputs, axis = DETECTORS["default"], batch(130, 64, 128), axis_of(128)
+    detector, inputs, axis = DETECTORS["default"], batch(130, 7, 16), axis_of(16)
     wanted = one_log_after_the_other(detector, axis, inputs)
-    calls = []
-    inner = pipeline._batch_part
-    monkeypatch.setattr(pipeline, "_batch_part", lambda *args: calls.append(len(args[-1])) or inner(*args))
-    monkeypatch.setattr(pipeline, "_workers", lambda detector, logs: 2)
-    assert_same(detect_batch(detector, axis, *inputs, fields=FIELDS), wanted, inputs[-1])
-    assert sorted(calls) == [65, 65]
-    monkeypatch.undo()
-    assert_same(detect_batch(detector, axis, *inputs, fields=FIELDS), wanted, inputs[-1])
+    calls, inner = [], step_batch._in_precision
+
+    def counted(*args: Any) -> Any:
+        calls.append(len(args[-1]))
+        return inner(*args)
+
+    monkeypatch.setattr(step_batch, "_in_precision", counted)
+    for threads in (1, 2):
+        monkeypatch.setattr(step_batch, "_threads", lambda detector, logs, threads=threads: threads)
+        assert_same(detect_batch(detector, axis, *inputs, fields=FIELDS), wanted, inputs[-1])
+    assert sorted(calls) == [65, 65, 130]
+
+
+def test_threads_run_in_the_caller_s_precision(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    monkeypatch.setattr(step_batch, "_threads", lambda detector, logs: 2)
+    monkeypatch.setattr(step_batch, "_batch", lambda *args: seen.append(jnp.zeros(()).dtype) or {"event": jnp.zeros(1)})
+    for name, double in (("default", False), ("default", True), ("lab-live", False)):
+        with jax.enable_x64(double):
+            detect_batch(DETECTORS[name], axis_of(2), *batch(3, 2, 2))
+    assert seen == [np.float32] * 2 + [np.float64] * 4
 
 
 def test_threads_are_for_what_goes_through_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pipeline.os, "sched_getaffinity", lambda process: set(range(8)))
-    monkeypatch.setattr(pipeline.jax, "default_backend", lambda: "cpu")
-    workers = pipeline._workers
-    assert [workers(DETECTORS["default"], logs) for logs in (0, 1, 127, 128, 200, 512, 10_000)] == [1, 1, 1, 2, 3, 8, 8]
-    assert workers(DETECTORS["thesis"], 10_000) == 1
-    monkeypatch.setattr(pipeline.jax, "default_backend", lambda: "gpu")
-    assert workers(DETECTORS["default"], 10_000) == 1
+    monkeypatch.setattr(step_batch.os, "sched_getaffinity", lambda process: set(range(8)))
+    monkeypatch.setattr(step_batch.jax, "default_backend", lambda: "cpu")
+    threads = step_batch._threads
+    assert [threads(DETECTORS["default"], logs) for logs in (0, 1, 127, 128, 200, 512, 10_000)] == [1, 1, 1, 2, 3, 8, 8]
+    assert threads(DETECTORS["thesis"], 10_000) == 1
+    monkeypatch.setattr(step_batch.jax, "default_backend", lambda: "gpu")
+    assert threads(DETECTORS["default"], 10_000) == 1
 
 
-def test_parts_of_a_batch() -> None:
+def test_size_of_a_block() -> None:
     """Divisors where there are good ones, never more than asked for, at least 1."""
-    assert [pipeline._part(count, wanted) for count, wanted in ((331, 31), (64, 31), (60, 31), (5, 100))] == [
-        31,
-        16,
-        30,
-        5,
-    ]
-    assert pipeline._part(7, 0) == 1
+    asked = ((331, 31), (64, 31), (60, 31), (5, 100), (7, 0))
+    assert [blocks._block_size(count, wanted) for count, wanted in asked] == [31, 16, 30, 5, 1]
+
+
+@pytest.mark.parametrize("name", ["thesis", "default"])
+@pytest.mark.parametrize(("logs", "sweeps"), [(0, 5), (3, 0), (0, 0)])
+def test_an_empty_batch(name: str, logs: int, sweeps: int) -> None:
+    inputs = (
+        np.zeros((logs, sweeps, 16), np.uint16),
+        np.zeros((logs, sweeps), np.uint16),
+        np.zeros((logs, sweeps)),
+        np.zeros(logs, int),
+    )
+    got = detect_batch(DETECTORS[name], axis_of(16), *inputs)
+    assert {one.shape for one in got.values()} == {(logs, sweeps)}
+
+
+def test_shapes_that_make_no_batch_are_named() -> None:
+    counts, flags, dt, lengths = batch(3, 2, 16)
+    wrong = [(counts[0], flags, dt, lengths), (counts, flags[:, :1], dt, lengths), (counts, flags, dt, lengths[:2])]
+    for inputs in wrong:
+        with pytest.raises((ValueError, TypeError)):
+            detect_batch(DETECTORS["thesis"], axis_of(16), *inputs)
+    with pytest.raises(ValueError, match=r"with 17 bins; got \(3, 2, 16\), \(3, 2\), \(3, 2\), \(3,\)"):
+        detect_batch(DETECTORS["thesis"], axis_of(17), counts, flags, dt, lengths)
 
 
 @pytest.mark.parametrize("name", ["thesis", "lab-live", "default", *PEAKS])
