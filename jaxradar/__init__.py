@@ -120,7 +120,8 @@ _HOMES = {
     "plots": "plot_drive plot_sweeps",
     "sim": "DemoScene demo_drive",
     "units": "free_space_loss friis_power_ratio",
-    "systems.step": "DetectorFile RangeAxis StepEvent StepTrace detect detect_batch dump_detector load_detector thin time_steps",
+    "systems.step": "DetectorFile RangeAxis StepEvent StepTrace detect detect_batch dump_detector load_detector"
+    " thin time_steps",
 }
 
 

@@ -7,7 +7,6 @@ from jaxradar.systems.step.files import DETECTORS, DetectorFile, dump_detector, 
 from jaxradar.systems.step.lab_live import LabLiveDetector
 from jaxradar.systems.step.pipeline import (
     detect,
-    detect_batch,
     event_weights,
     precision,
     run,

@@ -37,7 +37,6 @@ from jaxradar.systems.step.default_states import (
 
 __all__ = ["DefaultDetector"]
 
-
 LONGEST_SILENCE = 5.0  # refractory times after which a detector speaks again whatever the evidence does
 
 
@@ -87,9 +86,9 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
 
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> ProfileObservation:
         selected = self.select(axis, self.averaged(axis, finite(sweep)))
-        window = window_at(sweep, selected.near, self.half_width(axis))
+        refined = self.refine(*window_at(sweep, selected.near, self.half_width(axis)))
         # The top of a saturated echo may be wider than the window: its middle is all that is known.
-        position = jnp.where(is_saturated(flags), ArgMax()(sweep).position, self.refine(*window))
+        position = jnp.where(is_saturated(flags), ArgMax()(sweep).position, refined)
         return self.observed(axis, selected, position, flags)
 
     def select(self, axis: RangeAxis, cells: Counts) -> SelectedEcho:
@@ -136,8 +135,8 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
 
     def init(self, axis: RangeAxis) -> DefaultState:
         zero, no = jnp.zeros(()), jnp.zeros((), bool)
-        cells = jnp.zeros(axis.bins // self._bins_per_cell(axis))
-        return DefaultState(Memory(cells, zero, no), Followed(zero, zero, zero, zero, zero, ~no))
+        nothing = jnp.zeros(axis.bins // self._bins_per_cell(axis))
+        return DefaultState(Memory(nothing, zero, no), Followed(zero, zero, zero, zero, zero, ~no))
 
     def track(
         self,
@@ -216,7 +215,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         around: tuple[Index, Counts],
         dt: Scalar,
     ) -> tuple[Followed, Decision]:
-        """The decision; `around` is the profile near the expected echo, after the cell that this begins with."""
+        """`around`: the profile near the expected echo, after the cell that this begins with."""
         seen, compared, gap = observation.valid, recalled.compared, recalled.gap_s
         statistic = evidence.statistic
         age = jnp.where(recalled.fresh, 0.0, state.age_s + jnp.maximum(dt, 0.0))
@@ -276,8 +275,8 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         top = first_argmax(taps * jnp.exp(-0.5 * ((places - expected_m) / (0.5 * self.pulse_m)) ** 2))
         # A peak in the first or last cell has one neighbour: counted twice, it puts the vertex on the cell.
         last = taps.shape[0] - 1
-        sides = jnp.abs(top - 1), last - jnp.abs(last - top - 1)
-        offset, height = vertex(value_at(taps, sides[0]), value_at(taps, top), value_at(taps, sides[1]))
+        three = (jnp.abs(top - 1), top, last - jnp.abs(last - top - 1))
+        offset, height = vertex(*(value_at(taps, place) for place in three))
         local_m = centres[0] + cell_m * (start + top + offset)
         weak = height < 0.5 * observation.highest
         # What is left around a vanished echo is noise: the range is held until another is taken up.
@@ -290,8 +289,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
 
     def search_half_width(self, axis: RangeAxis) -> int:
         """How many cells to either side of where an echo is expected it is looked for in."""
-        cells = axis.bins // self._bins_per_cell(axis)
-        return min(math.ceil(self.pulse_m / self.cell_m) + 1, (cells - 1) // 2)
+        return min(math.ceil(self.pulse_m / self.cell_m) + 1, (axis.bins // self._bins_per_cell(axis) - 1) // 2)
 
     def half_width(self, axis: RangeAxis) -> int:
         return min(max(1, round(0.5 * self.pulse_m / axis.bin_m)), (axis.bins - 1) // 2)
