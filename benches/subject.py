@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import functools
-import importlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from data import TEMPERATURE, THRESHOLD_M_S, Batch, Outputs, UnavailableError
+from data import TEMPERATURE, THRESHOLD_M_S, Batch, Outputs
 
 from jaxradar._numerics import compiled
 from jaxradar.drive import SensorSeries
 from jaxradar.systems import step
+from jaxradar.systems.step.batch import _batch  # the program that `detect_batch` hides
 
 __all__ = ["GRADIENTS", "ROWS", "build", "check_default", "gradient", "loss", "place", "runner", "temp_bytes"]
 
@@ -40,16 +39,11 @@ Arrays = tuple[Any, Any, Any, Any]
 
 
 def build(row: str, range_m: np.ndarray, **tuned: Any) -> Any:
-    """The detector of a row for a range axis, in whose bins its window is counted.
-
-    Raises `UnavailableError` where this version of jaxradar has no such thing.
-    """
+    """The detector of a row for a range axis, in whose bins its window is counted."""
     if row == "thesis":
         return step.ThesisDetector()
     if row == "default":
         return step.DefaultDetector()
-    if not hasattr(step, "RangeRateDetector"):
-        raise UnavailableError("this version of jaxradar has no `RangeRateDetector`.")
     peak, half_width = _PEAKS[row]
     if half_width:
         tuned["window_m"] = 2 * half_width * step.RangeAxis.of(range_m).bin_m
@@ -66,37 +60,24 @@ def place(detector: Any, batch: Batch, device: Any = None) -> Arrays:
     return placed
 
 
-@functools.partial(jax.jit, static_argnames="fields")
-def _mapped(detector: Any, axis: Any, *arrays: Any, fields: tuple[str, ...]) -> dict[str, Any]:
-    decisions = step.run_batch(detector, axis, *arrays)
-    return {field: getattr(decisions, field) for field in fields}
-
-
-def _batched() -> Any:
-    return getattr(step, "detect_batch", _mapped)
-
-
 def runner(detector: Any, batch: Batch, arrays: Arrays) -> Callable[[], Outputs]:
     """A call that ends when its result is there."""
-    axis, call = step.RangeAxis.of(batch.range_m), _batched()
+    axis = step.RangeAxis.of(batch.range_m)
 
     def run() -> Outputs:
-        with step.precision(detector):
-            found = call(detector, axis, *arrays, fields=FIELDS)
-            values = found if isinstance(found, Mapping) else {field: getattr(found, field) for field in FIELDS}
-            return Outputs(*jax.block_until_ready([values[field] for field in FIELDS]))
+        found = step.detect_batch(detector, axis, *arrays, fields=FIELDS)
+        return Outputs(*jax.block_until_ready([found[field] for field in FIELDS]))
 
     return run
 
 
 def temp_bytes(detector: Any, batch: Batch) -> int | None:
     """What the compiled program sets aside beside its inputs and outputs, if the compiler says so."""
-    # `detect_batch` hides the program that it calls.
-    program = getattr(importlib.import_module("jaxradar.systems.step.batch"), "_batch", None)
-    if program is None:
-        return None
     with step.precision(detector):
-        lowered = program.lower(FIELDS, detector, step.RangeAxis.of(batch.range_m), *place(detector, batch))
+        # jit's own method, which a plain callable's type does not have
+        lowered = _batch.lower(  # type: ignore[attr-defined]
+            FIELDS, detector, step.RangeAxis.of(batch.range_m), *place(detector, batch)
+        )
     analysis = lowered.compile().memory_analysis()
     return None if analysis is None else int(analysis.temp_size_in_bytes)
 

@@ -47,11 +47,7 @@ def ours(batch: Batch, section: Section, device: jax.Device) -> tuple[Candidates
     """Our rows, checked, and their names. `device`: where the data lie and the program runs."""
     found: Candidates = {}
     for row, estimator in subject.ROWS.items():
-        try:
-            detector = subject.build(row, batch.range_m)
-        except UnavailableError as why:
-            section.notes.append(f"Skipped: {row}: {why}")
-            continue
+        detector = subject.build(row, batch.range_m)
         # The processor reads NumPy's arrays where they are.
         arrays = subject.place(detector, batch, None if device.platform == "cpu" else device)
         call = subject.runner(detector, batch, arrays)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import reference
 import subject
-from data import SWEEPS, UnavailableError, make_batch
+from data import SWEEPS, make_batch
 from measure import figure, ratio, rounds, say, spread
 from report import Row, Section
 from settings import Settings
@@ -25,11 +25,7 @@ def measure(settings: Settings) -> Section:
     for row, estimator in subject.ROWS.items():
         calls = {}
         for bins, batch in batches.items():
-            try:
-                detector = subject.build(row, batch.range_m)
-            except UnavailableError as why:
-                section.notes.append(f"Skipped: {row}: {why}")
-                break
+            detector = subject.build(row, batch.range_m)
             call = subject.runner(detector, batch, subject.place(detector, batch))
             if estimator is None:
                 wrong = subject.check_default(detector, batch, call(), 1)

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped, UInt
 
 from jaxradar._numerics import as_scalar
-from jaxradar._types import Flag, Flags, RangeBins, RawSweep, Scalar, Setting
+from jaxradar._types import Counts, Flag, Flags, RangeBins, RawSweep, Scalar, Setting, Sweep
 from jaxradar.drive import SweepFlag
 
 __all__ = [
@@ -87,6 +87,12 @@ class RangeAxis(eqx.Module):
         whole = jnp.clip(jnp.floor(position).astype(jnp.int32), 0, self.bins - 2)
         axis = jnp.asarray(self.range_m)
         return axis[whole] + (position - whole) * (axis[whole + 1] - axis[whole])
+
+    def averaged(self, values: Sweep, bins: int) -> Counts:
+        """The means over cells of so many bins, from the first on; what is left over at the end is left out."""
+        count = self.bins // bins
+        # Divided before it is summed: what follows a sum is a loop of its own.
+        return jnp.sum((values[: count * bins] / bins).reshape(count, bins), axis=1)
 
 
 class MotionSample(eqx.Module):

@@ -107,13 +107,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         cell, _, strength = select_largest([(one * weights[i], one) for i, one in enumerate(overs)])
         per_cell = self._bins_per_cell(axis)
         profile = subtract_floor(cells, floor.level)
-        return SelectedEcho(
-            profile=profile,
-            highest=largest(profile),
-            near=cell * per_cell + per_cell // 2,
-            strength=strength,
-            floor=floor,
-        )
+        return SelectedEcho(profile, largest(profile), cell * per_cell + per_cell // 2, strength, floor)
 
     def refine(self, start: Index, taps: RawSweep) -> Scalar:
         """Its place in bins, out of the amplitudes around it, which begin with the bin `start`."""
@@ -232,8 +226,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         lost_s = jnp.maximum(state.lost_s + jnp.where(lost, passed, -passed), 0.0)
         # Another echo that stays stronger for long is the road now; taking it up is not a detection.
         taken_up = recalled.fresh | (lost_s > self.longest_gap_s)
-        range_m = jnp.where(taken_up, observation.range_m, followed_m)
-        range_m = jnp.where(seen, range_m, state.range_m)
+        range_m = jnp.where(seen, jnp.where(taken_up, observation.range_m, followed_m), state.range_m)
 
         share = recalled.share
         reference_m = jnp.where(seen & taken_up, range_m, state.reference_m + share * (range_m - state.reference_m))
@@ -295,10 +288,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         return min(max(1, round(0.5 * self.pulse_m / axis.bin_m)), (axis.bins - 1) // 2)
 
     def averaged(self, axis: RangeAxis, values: Sweep) -> Counts:
-        per_cell = self._bins_per_cell(axis)
-        count = axis.bins // per_cell
-        # Divided before it is summed: what follows a sum is a loop of its own.
-        return jnp.sum((values[: count * per_cell] / per_cell).reshape(count, per_cell), axis=1)
+        return axis.averaged(values, self._bins_per_cell(axis))
 
     def centres(self, axis: RangeAxis) -> Counts:
         """Slant range of each cell's middle in metres."""
