@@ -67,7 +67,7 @@ def test_no_gain_is_a_gain_of_one(precision: str) -> None:
 
 
 @pytest.mark.parametrize("form", SLOPES)
-@pytest.mark.parametrize("bins", [2, 33, 128, 827])
+@pytest.mark.parametrize("bins", [2, 33, 128])
 def test_first_derivatives_agree_with_central_differences(bins: int, form: str) -> None:
     values, log_gain = sweep(bins, seed=4)
     generator = np.random.default_rng(1)
