@@ -66,7 +66,7 @@ def cpu_shaped() -> bool:
 
 
 def _staged(values: Array) -> bool:
-    return cpu_shaped() and values.shape[-1] <= MOST_STAGED
+    return cpu_shaped() and 0 < values.shape[-1] <= MOST_STAGED
 
 
 def _filled_slices(values: Array) -> list[Array]:
@@ -269,10 +269,10 @@ def packed_largest(
 ) -> tuple[Int[Array, "*shape"], Float[Array, "*shape"]]:
     """Index and value of the largest of doubles, none below 0 and none NaN, in a single pass; `of` as above.
 
-    The last ⌈log₂ bins⌉ bits of each number are replaced by its index. Values that differ in these alone
-    count as equal, and the first wins: at 128 bins that is a share of 3e-14, less than what two ways of rounding the
-    product of an amplitude and a weight differ by after a few more operations. The product of a 16-bit count and a
-    single-precision weight has no such bits: there it is exact. Raises `TypeError` where `of` does not give float64.
+    The last ⌈log₂ bins⌉ bits of each number are replaced by its index. Values that differ in these alone count as
+    equal, and the first wins: at 128 bins a share of at most 3e-14. The product of a 16-bit count and a
+    single-precision weight has no such bits (up to 8192 bins): there the result is exact. Raises `TypeError` where
+    `of` does not give float64.
     """
     whole = [jax.lax.stop_gradient(jnp.asarray(one)) for one in arrays]
     dtype = jax.eval_shape(of, *whole).dtype

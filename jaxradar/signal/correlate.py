@@ -49,8 +49,8 @@ def shifted_correlations(profile: Counts, reference: Counts, reach: int) -> Lags
 
 def _correlations(profile: Counts, reference: Counts, reach: int) -> list[Scalar]:
     count = profile.shape[0]
-    energy = total(profile * profile) * total(reference * reference)
-    inverse = safe_divide(jnp.ones_like(energy), safe_sqrt(energy))
+    # Apart: the product of the two energies would leave float32's range far earlier than each of them.
+    inverse = _inverse_norm(profile) * _inverse_norm(reference)
     lags = range(-reach, reach + 1)
     if len(lags) > MOST_UNROLLED:
         padded = jnp.pad(reference, reach)
@@ -61,7 +61,15 @@ def _correlations(profile: Counts, reference: Counts, reach: int) -> list[Scalar
         return list(jax.lax.map(product, jnp.arange(-reach, reach + 1)))
     # One after the other, not as an array: a loop over lags would do one sweep at a time.
     overlaps = ((max(0, lag), count + min(0, lag), lag) for lag in lags)
-    return [inverse * total(profile[low:high] * reference[low - lag : high - lag]) for low, high, lag in overlaps]
+    return [
+        inverse * total(profile[low:high] * reference[low - lag : high - lag]) if low < high else 0.0 * inverse
+        for low, high, lag in overlaps
+    ]
+
+
+def _inverse_norm(profile: Counts) -> Scalar:
+    energy = total(profile * profile)
+    return safe_divide(jnp.ones_like(energy), safe_sqrt(energy))
 
 
 def profile_shift(profile: Counts, reference: Counts, reach: int) -> ProfileShift:

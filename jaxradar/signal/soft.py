@@ -27,10 +27,14 @@ class _Weighed(NamedTuple):
     mean: Scalar
 
 
-def _weigh(values: RawSweep, log_gain: Sweep, exponent: Scalar, temperature: Scalar) -> _Weighed:
+def _weigh(
+    values: RawSweep, log_gain: Sweep, exponent: Scalar, temperature: Scalar, differentiable: bool = False
+) -> _Weighed:
     bins = jnp.arange(values.shape[-1], dtype=log_gain.dtype) - _middle(values)
     gains = jnp.exp(exponent * log_gain)
     at, top = first_largest(values, gains, of=lambda value, gain: finite(value) * gain)
+    if differentiable:  # in the rule for a derivative, of which there may be another
+        top = value_at(finite(values), at) * value_at(gains, at)
     inverse = safe_divide(jnp.ones_like(top), top)
     # The largest weight is 1, so the sum is at least 1, whatever underflows beside it; so it is in a silent sweep.
     most = jnp.where(top > 0, 1.0, 0.0)
@@ -66,7 +70,7 @@ def _differentiated(primals: Any, tangents: Any) -> tuple[Any, Any]:
     # two scalars is two sums a sweep; arrays of the sweep's size come in only if the amplitudes themselves change.
     values, log_gain, _, temperature = primals
     d_values, d_log_gain, d_exponent, d_temperature = tangents
-    found = _weigh(*primals)
+    found = _weigh(*primals, differentiable=True)
     pulls = [w * (offset - found.mean) for w, (_, _, offset) in zip(found.weights, found.parts, strict=True)]
     terms = [(p * ratio, p * ratio * logarithm) for p, (ratio, logarithm, _) in zip(pulls, found.parts, strict=True)]
     pull, pull_log = summed(terms, values.shape[-1])
@@ -110,7 +114,8 @@ def soft_position(
 ) -> tuple[Scalar, Flag]:
     """Mean of the bins, in bins from 0, under weights exp((v/v_max - 1) / `temperature`), and whether any is above 0.
 
-    Here v = values × e^(exponent × log_gain), NaN and infinities left out; the middle if all are 0. Derivatives by
+    Here v = values × e^(exponent × log_gain), NaN and infinities left out; the middle if all are 0. In
+    float32 no v may be above 1e37. Derivatives by
     `temperature` and `exponent` are taken from moments of the sweep, so that reverse mode keeps a few numbers a sweep
     and no array of its size.
     """

@@ -38,11 +38,9 @@ def detect_batch(
 
     `sweeps`: counts as recorded, `flags`: `SweepFlag`s (a saturated sweep is known by its flag alone), `dt` as from
     `time_steps`, `lengths`: how many sweeps of each log are real; the others come out invalid. Floats are given out in
-    single precision. NumPy arrays that are aligned to 64 bytes, and files mapped into memory, enter as they are,
-    without a copy. The first call for each shape compiles.
-
-    On a CPU the logs are shared out among threads where a detector is `sequential`, and the call ends when all is
-    done; else it returns before, as JAX does (`jax.block_until_ready` waits).
+    single precision. NumPy arrays that begin at a multiple of 64 bytes, and files mapped into memory, enter as they
+    are, without a copy. The first call for each shape compiles. On a CPU the logs are shared out among threads where a
+    detector is `sequential`. The call ends when all is done.
 
     Raises `ConfigError` for an unknown field, `ValueError` for shapes that do not fit each other.
     """
@@ -76,8 +74,8 @@ def _threads(detector: StepDetector[Any, Any], logs: int) -> int:
 def _in_precision(double: bool, fields: tuple[str, ...], detector: StepDetector[Any, Any], *arguments: Any) -> Any:
     # A context of JAX belongs to one thread: each enters it again.
     with jax.enable_x64(double), precision(detector):
-        found = _batch(fields, detector, *arguments)
-        return jax.block_until_ready(found) if detector.sequential else found
+        # Waited for: an array that entered without a copy may be overwritten by its owner afterwards.
+        return jax.block_until_ready(_batch(fields, detector, *arguments))
 
 
 def _run_fields(fields: tuple[str, ...], detector: StepDetector[Any, Any], axis: RangeAxis, *inputs: Array) -> Any:

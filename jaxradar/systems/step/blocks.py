@@ -107,7 +107,7 @@ def _by_time(block: Block, start: Callable[[int], Any], *inputs: Array) -> Any:
         cut = [partial(jax.lax.dynamic_slice_in_dim, values, first, part, 1) for values in columns]
         return block(state, cut[0], cut[1](), cut[2](), lengths - first)
 
-    state, done = jax.lax.scan(one, start(logs), part * jnp.arange(blocks, dtype=lengths.dtype))
+    state, done = jax.lax.scan(one, start(logs), part * jnp.arange(blocks, dtype=jnp.int32))
     done = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, 1).reshape(logs, blocks * part), done)
     if blocks * part == sweeps:
         return done

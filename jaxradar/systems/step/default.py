@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Shaped, UInt
 
 from jaxradar._numerics import finite, first_argmax, largest, select_largest, value_at
 from jaxradar._types import Counts, Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
+from jaxradar.drive import FULL_SCALE
 from jaxradar.signal.clutter import noise_floor, subtract_floor
 from jaxradar.signal.correlate import ProfileShift, profile_shift
 from jaxradar.signal.peaks import ArgMax, SoftArgmax, vertex, window_at
@@ -88,12 +89,17 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         selected = self.select(axis, self.averaged(axis, finite(sweep)))
         refined = self.refine(*window_at(sweep, selected.near, self.half_width(axis)))
         # The top of a saturated echo may be wider than the window: its middle is all that is known.
-        position = jnp.where(is_saturated(flags), ArgMax()(sweep).position, refined)
-        return self.observed(axis, selected, position, flags)
+        clipped, middle = self.clipped_top(sweep, flags)
+        return self.observed(axis, selected, jnp.where(clipped, middle, refined), flags)
+
+    def clipped_top(self, sweep: RawSweep, flags: Flags) -> tuple[Flag, Scalar]:
+        """Whether the sensor or the reader says that a sweep is saturated, and it is; and the middle of its top."""
+        top = ArgMax()(sweep)
+        return is_saturated(flags) & (top.amplitude >= FULL_SCALE), top.position
 
     def select(self, axis: RangeAxis, cells: Counts) -> SelectedEcho:
         """The strongest echo of one sweep over its own noise floor."""
-        centres = self.centres(axis)
+        centres, _ = self.centres(axis)
         floor = noise_floor(cells)
         weights = (2.0 * centres) ** self.exponent
         last = cells.shape[0] - 1
@@ -183,8 +189,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         self, axis: RangeAxis, state: Followed, observation: ProfileObservation, recalled: Recalled, shift: ProfileShift
     ) -> Evidence:
         """What that says of a step, and where the followed echo should be now."""
-        centres = self.centres(axis)
-        cell_m = centres[1] - centres[0]
+        centres, cell_m = self.centres(axis)
         shift_m = shift.cells * cell_m
         explained = shift.unexplained_still - shift.unexplained_moved
         moved = jnp.abs(shift_m) >= self.least_shift_m
@@ -221,7 +226,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         rearmed = rested & (quiet >= self.refractory_s)
 
         followed_m, lost = self._local_range(axis, observation, evidence.expected_m, *around)
-        # Forgotten as slowly as it was gathered: one sweep that looks like the old echo does not bring it back.
+        # Forgotten as slowly as gathered: one sweep that looks like the old echo does not bring it back.
         passed = jnp.where(compared, jnp.maximum(gap, 0.0), 0.0)
         lost_s = jnp.maximum(state.lost_s + jnp.where(lost, passed, -passed), 0.0)
         # Another echo that stays stronger for long is the road now; taking it up is not a detection.
@@ -262,27 +267,26 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         `taps`: the profile around there, from the cell `start` on.
         """
         near = jnp.abs(observation.range_m - expected_m) <= self.pulse_m
-        centres = self.centres(axis)
-        cell_m = centres[1] - centres[0]
+        centres, cell_m = self.centres(axis)
         places = centres[0] + cell_m * (start + jnp.arange(taps.shape[0]))
         top = first_argmax(taps * jnp.exp(-0.5 * ((places - expected_m) / (0.5 * self.pulse_m)) ** 2))
         # A peak in the first or last cell has one neighbour: counted twice, it puts the vertex on the cell.
         last = taps.shape[0] - 1
-        three = (jnp.abs(top - 1), top, last - jnp.abs(last - top - 1))
+        three = (jnp.minimum(jnp.abs(top - 1), last), top, jnp.maximum(last - jnp.abs(last - top - 1), 0))
         offset, height = vertex(*(value_at(taps, place) for place in three))
-        local_m = centres[0] + cell_m * (start + top + offset)
+        local_m = centres[start + top] + cell_m * offset
         weak = height < 0.5 * observation.highest
         # What is left around a vanished echo is noise: the range is held until another is taken up.
         local_m = jnp.where(weak | (jnp.abs(local_m - expected_m) > self.pulse_m), expected_m, local_m)
         return jnp.where(near, observation.range_m, local_m), ~near & weak
 
     def _bins_per_cell(self, axis: RangeAxis) -> int:
-        # At least two cells, or there is nothing to shift.
-        return max(1, min(round(self.cell_m / axis.bin_m), axis.bins // 2))
+        return max(1, min(round(self.cell_m / axis.bin_m), axis.bins // 2))  # at least two cells, or nothing can shift
 
     def search_half_width(self, axis: RangeAxis) -> int:
         """How many cells to either side of where an echo is expected it is looked for in."""
-        return min(math.ceil(self.pulse_m / self.cell_m) + 1, (axis.bins // self._bins_per_cell(axis) - 1) // 2)
+        per_cell = self._bins_per_cell(axis)
+        return min(math.ceil(self.pulse_m / (per_cell * axis.bin_m)) + 1, (axis.bins // per_cell - 1) // 2)
 
     def half_width(self, axis: RangeAxis) -> int:
         return min(max(1, round(0.5 * self.pulse_m / axis.bin_m)), (axis.bins - 1) // 2)
@@ -290,6 +294,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     def averaged(self, axis: RangeAxis, values: Sweep) -> Counts:
         return axis.averaged(values, self._bins_per_cell(axis))
 
-    def centres(self, axis: RangeAxis) -> Counts:
-        """Slant range of each cell's middle in metres."""
-        return self.averaged(axis, jnp.asarray(axis.range_m))
+    def centres(self, axis: RangeAxis) -> tuple[Counts, Scalar]:
+        """Slant range of each cell's middle, and their mean distance: an axis that was thinned is not quite even."""
+        centres = self.averaged(axis, jnp.asarray(axis.range_m))
+        return centres, (centres[-1] - centres[0]) / (centres.shape[0] - 1)

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Shaped, UInt
 
 from jaxradar._numerics import finite, reductions, row_major
 from jaxradar.signal.clutter import subtract_floor
-from jaxradar.signal.peaks import ArgMax, window_at
+from jaxradar.signal.peaks import window_at
 from jaxradar.systems.step.config import Decision, RangeAxis, each_sweep, is_saturated
 from jaxradar.systems.step.default_states import DefaultState, Followed
 
@@ -50,7 +50,7 @@ def follow_block(
     # As in `observe`; but looking at all bins again is left out of a block without a saturated sweep.
     position = jax.lax.cond(
         jnp.any(is_saturated(flags)),
-        lambda: jnp.where(is_saturated(flags), each_sweep(ArgMax())(sweeps()).position.T, refined),
+        lambda: _with_clipped_tops(detector, sweeps(), flags.T, refined.T).T,
         lambda: refined,
     )
     seen = jax.tree.map(row_major, _by_step_and_log(partial(detector.observed, axis))(selected, position, flags))
@@ -77,6 +77,11 @@ def _follow_echo(
     start, taps = read(cells, evidence.cell)
     around = start, _by_log(subtract_floor)(row_major(taps.T), levels)
     return _by_log(partial(detector.decide, axis))(echo, seen, recalled, evidence, around, dt)
+
+
+def _with_clipped_tops(detector: DefaultDetector, sweeps: Array, flags: Array, refined: Array) -> Array:
+    clipped, middle = each_sweep(detector.clipped_top)(sweeps, flags)
+    return jnp.where(clipped, middle, refined)
 
 
 def _by_step_and_log(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from jaxradar._numerics import finite, first_largest
+from jaxradar._numerics import finite, first_argmax
 from jaxradar._types import Flag, Flags, RawSweep, Scalar, Setting, Sweep
 from jaxradar.drive import FULL_SCALE
 from jaxradar.systems.step.config import (
@@ -70,10 +70,10 @@ class LabLiveDetector(StepDetector[SweepPeak, LabLiveState]):
             # The program writes the product back into its uint16 array; what C leaves undefined there is clipped.
             offset = metres if self.as_it_was else axis.range_m - axis.range_m[0]
             amplitudes = jnp.clip(jnp.floor(amplitudes + 0.5 * amplitudes * offset), 0.0, FULL_SCALE)
-        peak, top = first_largest(amplitudes)
+        peak = first_argmax(amplitudes)
         return SweepPeak(
             range_m=metres[peak],
-            strength=top,
+            strength=amplitudes[peak],
             valid=usable(flags),
             saturated=is_saturated(flags),
         )

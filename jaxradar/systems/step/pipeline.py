@@ -69,9 +69,16 @@ def run_batch(
         raise ValueError(
             f"the detector `{detector.name}` needs double precision; call it inside `precision(detector)`."
         )
-    sweeps, flags, dt, lengths = (jnp.asarray(values) for values in (sweeps, flags, dt, lengths))
     check_shapes(axis, sweeps, flags, dt, lengths)
-    return in_blocks(detector, axis, pick, sweeps, flags, dt.astype(jnp.result_type(float)), lengths)
+    return in_blocks(
+        detector,
+        axis,
+        pick,
+        jnp.asarray(sweeps),
+        jnp.asarray(flags),
+        jnp.asarray(dt, jnp.result_type(float)),
+        jnp.asarray(lengths).astype(jnp.int32),
+    )
 
 
 def event_weights(

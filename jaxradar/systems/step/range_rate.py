@@ -179,7 +179,7 @@ class RangeRateDetector(RangeRateBase):
 
     def _select(self, axis: RangeAxis, sweep: RawSweep) -> Index:
         gain = jnp.exp(jnp.asarray(self.exponent, float) * self._log_gain(axis))
-        # In double the product of a count and a single-precision gain is exact, and leaves room for the index.
+        # In double the product of a 16-bit count and a single-precision gain is exact, with room for the index.
         with jax.enable_x64(True):
             return packed_largest(sweep, gain.astype(jnp.float64), of=lambda counts, one: nonnegative(counts) * one)[0]
 

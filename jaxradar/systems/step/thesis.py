@@ -20,8 +20,8 @@ class ThesisDetector(RangeRateBase):
     Each amplitude is multiplied by (2r)^exponent, with the thesis's exponent 2: thesis, appendix B.2. The first of
     equal maxima wins. A detection is |Δr|/Δt > threshold, strictly ("exceeds", section 6.1), between a valid sweep and
     the last valid one before it at the recorded times; Δt <= 0 gives none; each is its own detection, nothing is
-    merged. A sweep of zeros, or without data, is skipped. All in float64, so that near-ties fall as MATLAB's would;
-    products that agree in all but their last log2(bins) bits are equal.
+    merged. A sweep without an amplitude above 0 beyond range 0, or without data, is skipped. All in float64, as in
+    MATLAB; but products that agree in all but their last log2(bins) bits count as equal.
     """
 
     name: ClassVar[str] = "thesis"
