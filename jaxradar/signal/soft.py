@@ -68,9 +68,9 @@ def _position_jvp(form: str, primals: Any, tangents: Any) -> tuple[Any, Any]:
 def _differentiated(primals: Any, tangents: Any) -> tuple[Any, Any]:
     # With u = v/v_max and w = exp((u - 1)/T): d mean = sum w (i - mean) d((u - 1)/T) / sum w. What depends on the
     # two scalars is two sums a sweep; arrays of the sweep's size come in only if the amplitudes themselves change.
-    values, log_gain, _, temperature = primals
+    values, log_gain, exponent, temperature = primals
     d_values, d_log_gain, d_exponent, d_temperature = tangents
-    found = _weigh(*primals, differentiable=True)
+    found = _weigh(values, log_gain, exponent, temperature, differentiable=True)
     pulls = [w * (offset - found.mean) for w, (_, _, offset) in zip(found.weights, found.parts, strict=True)]
     terms = [(p * ratio, p * ratio * logarithm) for p, (ratio, logarithm, _) in zip(pulls, found.parts, strict=True)]
     pull, pull_log = summed(terms, values.shape[-1])
