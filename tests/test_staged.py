@@ -32,7 +32,7 @@ FORMS = ("staged", "plain")
 SIZES = (1, 2, 15, 16, 17, 31, 32, 33, 64, 127, 128, 129, 827, 1240, 1448, 9000)
 SHAPES = ((), (3,), (2, 5))
 DTYPES = ("bool", "uint8", "uint16", "int32", "float16", "float32", "float64")
-WORST_SIZES = (1, 31, 33, 128, 827, 9000)
+WORST_SIZES = (1, 31, 33, 128, 300, 9000)
 
 
 def jitted(function: Callable[..., Any], form: str) -> Callable[..., Any]:
@@ -92,8 +92,10 @@ def assert_as_numpy(got: dict[str, jax.Array], values: np.ndarray) -> None:
         np.testing.assert_array_equal(got["total"], values.sum(axis=-1, dtype=np.int64))
 
 
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("dtype", DTYPES)
+ASKED = [(dtype, size) for dtype in DTYPES for size in (SIZES if dtype in ("uint16", "float32") else WORST_SIZES)]
+
+
+@pytest.mark.parametrize(("dtype", "size"), ASKED)
 def test_every_size_and_type_is_numpy_s(dtype: str, size: int) -> None:
     values = sample(dtype, (2, 5, size), seed=size)
     with wide(dtype):
@@ -224,7 +226,7 @@ def test_both_forms_agree_on_counts(drawn: list[int]) -> None:
         assert int(got["total"]) == sum(drawn)
 
 
-@pytest.mark.parametrize("size", [1448, 8192])
+@pytest.mark.parametrize("size", [1448, 4000])
 def test_the_staged_sum_errs_by_less_than_a_chain(size: int) -> None:
     """Of numbers near 1, whose sum a chain of float32 rounds at every step: bound log2 against n."""
     values = (1.0 + np.random.default_rng(5).random((50, size))).astype(np.float32)
