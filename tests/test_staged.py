@@ -443,7 +443,7 @@ def test_double_keys_leave_single_precision_outside(form: str) -> None:
 
 @pytest.mark.parametrize("size", [1, 33, 127, 9000])
 def test_largest_of_what_is_made_of_several_arrays(size: int) -> None:
-    """Counts times weights, slice by slice: a row of weights for all rows of counts, or one for each."""
+    """Counts times weights, slice by slice: a row of weights for each row of counts, or one for all."""
     counts = sample("uint16", (4, size), seed=1)
     weights = np.random.default_rng(2).random((4, size)).astype(np.float32)
 
@@ -456,7 +456,7 @@ def test_largest_of_what_is_made_of_several_arrays(size: int) -> None:
         np.testing.assert_array_equal(index, products.argmax(axis=-1))
         np.testing.assert_array_equal(top, products.max(axis=-1))
         with jax.enable_x64(True):
-            index, top = jitted(lambda a, b: packed_largest(a, b, of=product), form)(
+            index, top = jitted(jax.vmap(lambda a, b: packed_largest(a, b, of=product), in_axes=(0, None)), form)(
                 counts, weights[0].astype(np.float64)
             )
         products = counts * weights[0].astype(np.float64)
