@@ -201,9 +201,7 @@ def test_fine_and_coarse_bins_give_the_same_answer() -> None:
     sweeps = [echo(0.4 - 0.03 * (i >= 30), axis=fine) for i in range(60)]
     traces = [detect(DEFAULT, series(sweeps, range_m=fine)), detect(DEFAULT, over_a_step())]
     assert [[event.sweep for event in trace.events] for trace in traces] == [[30], [30]]
-    # The window that refines the range lies around a cell's middle, and an echo wider than it is drawn there: by 2.1 mm
-    # at most for these 60 mm in cells of 20 mm.
-    np.testing.assert_allclose(traces[0].range_m, traces[1].range_m, atol=2.1e-3)
+    np.testing.assert_allclose(traces[0].range_m, traces[1].range_m, atol=1e-3)
 
 
 def test_exponent_chooses_the_farther_of_two_equal_echoes() -> None:

@@ -4,9 +4,9 @@ XLA turns a reduction over the last axis into a chain of single numbers on a CPU
 `LANES` bins, one vector register or two, which are combined element by element in a tree; a chain is left for the last
 `LANES` alone. An axis that is no multiple of `LANES` has its last slice filled up, so that any length will do.
 An accelerator reduces well by itself: there the plain form is taken, and so it is where sweeps lie side by side, the
-batch being the last axis in memory (`reductions("plain")`). The maxima and the arg-maxima are the same bit by bit in
-both forms, with one rule for ties, so that no platform moves a peak; sums agree within rounding (the tree errs less
-than a chain).
+batch being the last axis in memory (`reductions("plain")`). The maxima (but for the sign of 0) and the arg-maxima are
+the same bit by bit in both forms, with one rule for ties, so that no platform moves a peak; sums agree within rounding
+(the tree errs less than a chain).
 """
 
 from __future__ import annotations
@@ -142,13 +142,13 @@ def summed(terms: Sequence[tuple[Array, ...]], count: int) -> tuple[Reduced, ...
 
 
 def largest(values: Values) -> Reduced:
-    """Maximum over the last axis; NaN if there is one. The gradient is shared equally by equal maxima."""
+    """Maximum over the last axis; in the staged form NaN if there is one. Equal maxima share the gradient equally."""
     values = jnp.asarray(values)
     return _largest(values) if _staged(values) else jnp.max(values, axis=-1)
 
 
 def smallest(values: Values) -> Reduced:
-    """Minimum over the last axis; NaN if there is one. The gradient is shared equally by equal minima."""
+    """Minimum over the last axis; in the staged form NaN if there is one. Equal minima share the gradient equally."""
     values = jnp.asarray(values)
     return _smallest(values) if _staged(values) else jnp.min(values, axis=-1)
 

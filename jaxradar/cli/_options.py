@@ -66,7 +66,7 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
         "--detector",
         default="default",
         metavar="NAME",
-        help="thesis, lab-live, default or a FILE.toml from `jaxradar config` (default: default)",
+        help="default, thesis, range-rate, lab-live or a FILE.toml from `jaxradar config` (default: default)",
     )
     parser.add_argument("--sensor", type=whole(0), metavar="N", help="this sensor alone (default: all)")
     parser.add_argument("--start", type=number(), metavar="S", help="from here on, in seconds since the first sweep")

@@ -26,7 +26,7 @@ def add_to(commands: Any) -> None:
         description=_DESCRIPTION,
         example="jaxradar config default > mine.toml",
     )
-    parser.add_argument("detector", metavar="NAME", help="default, thesis, lab-live or a FILE.toml")
+    parser.add_argument("detector", metavar="NAME", help="default, thesis, range-rate, lab-live or a FILE.toml")
 
 
 def _run(args: argparse.Namespace) -> int:

@@ -100,7 +100,8 @@ def _moved(found: _Weighed, pull: Scalar, primals: Any, d_values: Any, d_log_gai
     change = jnp.zeros_like(pull)
     for tangent, factor in ((d_values, gains), (d_log_gain, values * gains * exponent)):
         if not isinstance(tangent, SymbolicZero):
-            moved = tangent * factor * inverse
+            # What is left out of the value is left out of its derivative.
+            moved = jnp.where(jnp.isfinite(recorded), tangent * factor * inverse, 0.0)
             shared = jnp.sum(moved * at_top, axis=-1) / jnp.maximum(jnp.sum(at_top, axis=-1), 1.0)
             change = change + jnp.sum(force * moved, axis=-1) - pull * shared
     return change

@@ -103,17 +103,17 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         floor = noise_floor(cells)
         weights = (2.0 * centres) ** self.exponent
         last = cells.shape[0] - 1
-
-        def over(cell: int) -> Scalar:
-            # Over three cells: one rough cell is not an echo.
-            around = (cells[max(cell - 1, 0)] + cells[cell] + cells[min(cell + 1, last)]) / 3.0
-            return jnp.maximum(around - floor.level, 0.0)
-
-        overs = [over(cell) for cell in range(last + 1)]
-        cell, _, strength = select_largest([(one * weights[i], one) for i, one in enumerate(overs)])
+        trios = [(max(i - 1, 0), i, min(i + 1, last)) for i in range(last + 1)]
+        # Over three cells: one rough cell is not an echo.
+        over = [jnp.maximum((cells[i] + cells[j] + cells[k]) / 3.0 - floor.level, 0.0) for i, j, k in trios]
+        cell, _, left, strength, right = select_largest(
+            [(over[j] * weights[j], over[i], over[j], over[k]) for i, j, k in trios]
+        )
         per_cell = self._bins_per_cell(axis)
         profile = subtract_floor(cells, floor.level)
-        return SelectedEcho(profile, largest(profile), cell * per_cell + per_cell // 2, strength, floor)
+        # The window that refines the range is to stand on the echo, not on the middle of its cell.
+        middle = (cell + 0.5 + vertex(left, strength, right)[0]) * per_cell - 0.5
+        return SelectedEcho(profile, largest(profile), jnp.round(middle).astype(jnp.int32), strength, floor)
 
     def refine(self, start: Index, taps: RawSweep) -> Scalar:
         """Its place in bins, out of the amplitudes around it, which begin with the bin `start`."""
