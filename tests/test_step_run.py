@@ -132,7 +132,7 @@ def test_a_day_of_times_loses_nothing() -> None:
             assert got.events[0].time_s == pytest.approx(offset_s + 0.3, abs=1e-6)
 
 
-@pytest.mark.parametrize("name", [name for name in DETECTORS if name != "thesis"])
+@pytest.mark.parametrize("name", [name for name, kind in DETECTORS.items() if not kind.float64])
 def test_float64_and_float32_agree_on_every_event(name: str) -> None:
     decisions = []
     for double in (False, True):
@@ -143,10 +143,11 @@ def test_float64_and_float32_agree_on_every_event(name: str) -> None:
     np.testing.assert_allclose(decisions[0].range_m, decisions[1].range_m, rtol=1e-5)
 
 
-def test_the_thesis_s_detector_refuses_single_precision() -> None:
+@pytest.mark.parametrize("name", [name for name, kind in DETECTORS.items() if kind.float64])
+def test_detectors_for_double_precision_refuse_single(name: str) -> None:
     """Near-ties would fall otherwise than its document says; `precision` is the context to run it in."""
-    with pytest.raises(TypeError, match="takes float64; got float32"):
-        run_batch(ThesisDetector(), AXIS, *batch(64, 0))
+    with pytest.raises(ValueError, match=f"`{name}` needs double precision; call it inside"):
+        run_batch(DETECTORS[name](), AXIS, *batch(64, 0))
 
 
 def test_gradient_through_a_whole_log_agrees_with_central_differences() -> None:
@@ -243,7 +244,7 @@ GRADIENTS = jax.jit(jax.grad(_total, argnums=(0, 2)))
 @pytest.mark.parametrize("name", DETECTORS)
 def test_hard_cases_by_gradient(name: str, case: str, precision: str) -> None:
     """Of the ranges and statistics, with respect to every setting and every amplitude."""
-    if name == "thesis" and precision == "float32":
+    if DETECTORS[name].float64 and precision == "float32":
         pytest.skip("runs in double precision alone")
     log = HARD[case]()
     detector = jax.tree.map(jnp.asarray, DETECTORS[name]())

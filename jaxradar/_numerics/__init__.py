@@ -1,5 +1,6 @@
 """Guarded arithmetic, reductions in the shape that the processor wants, and how programs are compiled."""
 
+from jaxradar._numerics.arg_max import first_argmax, first_largest, packed_largest, select_largest, value_at
 from jaxradar._numerics.compilation import compiled, row_major
 from jaxradar._numerics.guards import (
     as_scalar,
@@ -11,18 +12,14 @@ from jaxradar._numerics.guards import (
 )
 from jaxradar._numerics.staged import (
     cpu_shaped,
-    first_argmax,
-    first_largest,
     largest,
-    packed_largest,
+    largest_of,
     reductions,
-    select_largest,
     sliced,
     smallest,
     summed,
     total,
     totals,
-    value_at,
 )
 
 __all__ = [
@@ -33,6 +30,7 @@ __all__ = [
     "first_argmax",
     "first_largest",
     "largest",
+    "largest_of",
     "nonnegative",
     "packed_largest",
     "reductions",

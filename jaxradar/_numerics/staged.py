@@ -22,19 +22,21 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Shaped
 
 __all__ = [
+    "covering_slices",
     "cpu_shaped",
-    "first_argmax",
-    "first_largest",
+    "from_ordered_bits",
+    "in_stages",
     "largest",
-    "packed_largest",
+    "largest_of",
+    "ordered_bits",
     "reductions",
-    "select_largest",
+    "slice_starts",
     "sliced",
     "smallest",
     "summed",
     "total",
     "totals",
-    "value_at",
+    "tree",
 ]
 
 LANES = 32
@@ -65,7 +67,8 @@ def cpu_shaped() -> bool:
     return jax.default_backend() == "cpu" if form == "by platform" else form == "staged"
 
 
-def _staged(values: Array) -> bool:
+def in_stages(values: Array) -> bool:
+    """Whether to reduce these in the staged form."""
     return cpu_shaped() and 0 < values.shape[-1] <= MOST_STAGED
 
 
@@ -78,17 +81,17 @@ def _filled_slices(values: Array) -> list[Array]:
     return parts
 
 
-def _starts(count: int) -> list[int]:
+def slice_starts(count: int) -> list[int]:
     """Where slices begin that cover all bins, some of them twice: that moves no extreme."""
     starts = list(range(0, count - LANES + 1, LANES)) or [0]
     return starts if count <= LANES or starts[-1] + LANES == count else [*starts, count - LANES]
 
 
-def _covering_slices(values: Array) -> list[Array]:
-    return [values[..., start : start + LANES] for start in _starts(values.shape[-1])]
+def covering_slices(values: Array) -> list[Array]:
+    return [values[..., start : start + LANES] for start in slice_starts(values.shape[-1])]
 
 
-def _tree(parts: list[Any], combine: Combine) -> Any:
+def tree(parts: list[Any], combine: Combine) -> Any:
     while len(parts) > 1:
         odd = parts[-1:] if len(parts) % 2 else []
         parts = [combine(a, b) for a, b in zip(parts[::2], parts[1::2], strict=False)] + odd
@@ -98,13 +101,13 @@ def _tree(parts: list[Any], combine: Combine) -> Any:
 def total(values: Values) -> Reduced:
     """Sum over the last axis, of the type that `jnp.sum` gives."""
     values = jnp.asarray(values)
-    return _total(values) if _staged(values) else jnp.sum(values, axis=-1)
+    return _total(values) if in_stages(values) else jnp.sum(values, axis=-1)
 
 
 @jax.custom_jvp
 def _total(values: Array) -> Array:
     wide = values.astype(jax.eval_shape(jnp.sum, values).dtype)
-    return jnp.sum(_tree(_filled_slices(wide), jnp.add), axis=-1)
+    return jnp.sum(tree(_filled_slices(wide), jnp.add), axis=-1)
 
 
 @_total.defjvp
@@ -125,7 +128,7 @@ def totals(function: Callable[..., tuple[Array, ...]], *arrays: Values) -> tuple
 def sliced(*arrays: Values) -> list[tuple[Array, ...]]:
     """The slices of some arrays of one last axis, for terms that `summed` adds up; one slice in the plain form."""
     whole = [jnp.asarray(one) for one in arrays]
-    if not _staged(whole[0]):
+    if not in_stages(whole[0]):
         return [tuple(whole)]
     return list(zip(*(_filled_slices(one) for one in whole), strict=True))
 
@@ -137,39 +140,52 @@ def summed(terms: Sequence[tuple[Array, ...]], count: int) -> tuple[Reduced, ...
     if filled:
         real = jnp.arange(last[0].shape[-1]) < last[0].shape[-1] - filled
         last = tuple(jnp.where(real, one, 0) for one in last)
-    sums = _tree([*others, last], lambda a, b: tuple(x + y for x, y in zip(a, b, strict=True)))
+    sums = tree([*others, last], lambda a, b: tuple(x + y for x, y in zip(a, b, strict=True)))
     return tuple(jnp.sum(one, axis=-1) for one in sums)
+
+
+def largest_of(of: Callable[..., Array], *arrays: Values) -> Reduced:
+    """`largest(of(*arrays))`, for an `of` that goes element by element: applied to one slice after the other.
+
+    No gradient flows through it.
+    """
+    whole = [jax.lax.stop_gradient(jnp.asarray(one)) for one in arrays]
+    if not in_stages(whole[0]):
+        return jnp.max(of(*whole), axis=-1)
+    return _reduced(
+        [of(*part) for part in zip(*map(covering_slices, whole), strict=True)], jnp.maximum, jnp.max, jnp.nan
+    )
 
 
 def largest(values: Values) -> Reduced:
     """Maximum over the last axis; in the staged form NaN if there is one. Equal maxima share the gradient equally."""
     values = jnp.asarray(values)
-    return _largest(values) if _staged(values) else jnp.max(values, axis=-1)
+    return _largest(values) if in_stages(values) else jnp.max(values, axis=-1)
 
 
 def smallest(values: Values) -> Reduced:
     """Minimum over the last axis; in the staged form NaN if there is one. Equal minima share the gradient equally."""
     values = jnp.asarray(values)
-    return _smallest(values) if _staged(values) else jnp.min(values, axis=-1)
+    return _smallest(values) if in_stages(values) else jnp.min(values, axis=-1)
 
 
 @jax.custom_jvp
 def _largest(values: Array) -> Array:
-    return _extreme(values, jnp.maximum, jnp.max, jnp.nan)
+    return _reduced(covering_slices(values), jnp.maximum, jnp.max, jnp.nan)
 
 
 @jax.custom_jvp
 def _smallest(values: Array) -> Array:
-    return _extreme(values, jnp.minimum, jnp.min, -jnp.nan)
+    return _reduced(covering_slices(values), jnp.minimum, jnp.min, -jnp.nan)
 
 
-def _extreme(values: Array, combine: Combine, reduce: Callable[..., Array], nan: float) -> Array:
-    lanes = _tree(_covering_slices(values), combine)
+def _reduced(parts: list[Array], combine: Combine, reduce: Callable[..., Array], nan: float) -> Array:
+    lanes = tree(parts, combine)
     if lanes.dtype != jnp.float32:
         return reduce(lanes, axis=-1)
     # As integers of the same order: the compiler does not chain those. A NaN must win: of all floats, the negative one
     # has the lowest integer, the positive one the highest.
-    return _from_ordered_bits(reduce(_ordered_bits(jnp.where(jnp.isnan(lanes), nan, lanes)), axis=-1))
+    return from_ordered_bits(reduce(ordered_bits(jnp.where(jnp.isnan(lanes), nan, lanes)), axis=-1))
 
 
 def _shared(extreme: Callable[[Array], Array]) -> Callable[..., tuple[Array, Array]]:
@@ -186,73 +202,7 @@ _largest.defjvp(_shared(_largest))
 _smallest.defjvp(_shared(_smallest))
 
 
-def first_argmax(values: Values) -> Int[Array, "*shape"]:
-    """Index of the largest value, the first of equals, 0.0 and -0.0 being equal. `values` must hold no NaN."""
-    return first_largest(values)[0]
-
-
-def _itself(values: Array) -> Array:
-    return values
-
-
-def first_largest(*arrays: Values, of: Callable[..., Array] = _itself) -> tuple[Int[Array, "*shape"], Reduced]:
-    """Index of the largest value, the first of equals, and the value; exact. No value may be NaN.
-
-    The values are what `of` makes of the arrays, element by element: it is applied to one slice after the other, so
-    that they are not written to memory first. No gradient flows through either result.
-    """
-    whole = [jax.lax.stop_gradient(jnp.asarray(one)) for one in arrays]
-    dtype = jax.eval_shape(of, *whole).dtype
-    if _staged(whole[0]) and jnp.dtype(dtype).itemsize <= 4 and dtype != jnp.uint32:
-        return _keyed(whole, of)
-    # Two reductions: exact, and every back end has them. What they read is made once.
-    values = jax.lax.optimization_barrier(of(*whole))
-    count, top = values.shape[-1], largest(values)
-    bins = jnp.arange(count, dtype=jnp.int32)
-    return smallest(jnp.where(values == top[..., None], bins, count - 1)), top
-
-
-def value_at(values: Values, index: Int[Array | np.ndarray, "*shape"]) -> Reduced:
-    """What `values` hold at `index`: in the plain form by a sum, as a gather would turn round sweeps side by side."""
-    values = jnp.asarray(values)
-    if _staged(values):
-        return jnp.take_along_axis(values, index[..., None], axis=-1)[..., 0]
-    here = jnp.arange(values.shape[-1], dtype=jnp.int32) == index[..., None]
-    return jnp.sum(jnp.where(here, values, jnp.zeros((), values.dtype)), axis=-1)
-
-
-def select_largest(candidates: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
-    """Of tuples (value, ...) the first with the largest value, with its index in front: element by element.
-
-    What is carried along comes without a gather, and gradients flow through all but the index. No value may be NaN.
-    """
-    pairs = [(jnp.int32(index), *one) for index, one in enumerate(candidates)]
-    return tuple(_tree(pairs, _later_if_larger))
-
-
-def _later_if_larger(first: Any, second: Any) -> Any:
-    larger = second[1] > first[1]
-    return tuple(jnp.where(larger, b, a) for a, b in zip(first, second, strict=True))
-
-
-def _keyed(whole: list[Array], of: Callable[..., Array]) -> tuple[Array, Array]:
-    """Value and index are selected together down to `LANES` pairs, each of which makes one 64-bit key."""
-    count = whole[0].shape[-1]
-    parts = [of(*slices) for slices in zip(*map(_covering_slices, whole), strict=True)]
-    dtype = parts[0].dtype
-    floating = jnp.issubdtype(dtype, jnp.floating)
-    with jax.enable_x64(True):  # for the key alone; nothing of it is left outside
-        lanes = jnp.arange(parts[0].shape[-1], dtype=jnp.int32)
-        wide = [part.astype(jnp.float32 if floating else jnp.int32) for part in parts]
-        index, top = _tree(list(zip([start + lanes for start in _starts(count)], wide, strict=True)), _later_if_larger)
-        ordered = _ordered_bits(top) if floating else top
-        best = jnp.max((ordered.astype(jnp.int64) << 32) | (count - 1 - index).astype(jnp.int64), axis=-1)
-        high = (best >> 32).astype(jnp.int32)
-        found = (count - 1) - (best & 0xFFFFFFFF).astype(jnp.int32)
-    return found, (_from_ordered_bits(high) if floating else high).astype(dtype)
-
-
-def _ordered_bits(values: Float[Array, "*shape"]) -> Int[Array, "*shape"]:
+def ordered_bits(values: Float[Array, "*shape"]) -> Int[Array, "*shape"]:
     """Floats as integers of the same order: the bits as they are, those of negative numbers turned round."""
     bits = jax.lax.bitcast_convert_type(
         jnp.where(values == 0, jnp.zeros((), values.dtype), values).astype(jnp.float32), jnp.int32
@@ -260,34 +210,5 @@ def _ordered_bits(values: Float[Array, "*shape"]) -> Int[Array, "*shape"]:
     return bits ^ ((bits >> 31) & 0x7FFFFFFF)
 
 
-def _from_ordered_bits(ordered: Int[Array, "*shape"]) -> Float[Array, "*shape"]:
+def from_ordered_bits(ordered: Int[Array, "*shape"]) -> Float[Array, "*shape"]:
     return jax.lax.bitcast_convert_type(ordered ^ ((ordered >> 31) & 0x7FFFFFFF), jnp.float32)
-
-
-def packed_largest(
-    *arrays: Values, of: Callable[..., Array] = _itself
-) -> tuple[Int[Array, "*shape"], Float[Array, "*shape"]]:
-    """Index and value of the largest of doubles, none below 0 and none NaN, in a single pass; `of` as above.
-
-    The last ⌈log₂ bins⌉ bits of each number are replaced by its index. Values that differ in these alone count as
-    equal, and the first wins: at 128 bins a share of at most 3e-14. The product of a 16-bit count and a
-    single-precision weight has no such bits (up to 8192 bins): there the result is exact. Raises `TypeError` where
-    `of` does not give float64.
-    """
-    whole = [jax.lax.stop_gradient(jnp.asarray(one)) for one in arrays]
-    dtype = jax.eval_shape(of, *whole).dtype
-    if dtype != jnp.float64:
-        raise TypeError(f"`packed_largest` takes float64; got {dtype}.")
-    count = whole[0].shape[-1]
-    low = (1 << max(count - 1, 1).bit_length()) - 1
-
-    def keys(index: Array, *part: Array) -> Array:
-        return (jax.lax.bitcast_convert_type(of(*part), jnp.int64) & ~low) | (low - index)
-
-    reverse = [jnp.arange(count), *whole]
-    if _staged(whole[0]):
-        parts = [keys(*part) for part in zip(*map(_covering_slices, reverse), strict=True)]
-        best = jnp.max(_tree(parts, jnp.maximum), axis=-1)
-    else:
-        best = jnp.max(keys(*reverse), axis=-1)
-    return (low - (best & low)).astype(jnp.int32), jax.lax.bitcast_convert_type(best & ~low, jnp.float64)

@@ -9,7 +9,17 @@ import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
-from jaxradar._numerics import cpu_shaped, finite, first_largest, reductions, safe_divide, sliced, summed, value_at
+from jaxradar._numerics import (
+    cpu_shaped,
+    finite,
+    first_largest,
+    largest_of,
+    reductions,
+    safe_divide,
+    sliced,
+    summed,
+    value_at,
+)
 from jaxradar._types import Flag, Index, RawSweep, Scalar, Setting, Sweep
 
 __all__ = ["soft_position"]
@@ -32,17 +42,23 @@ def _weigh(
 ) -> _Weighed:
     bins = jnp.arange(values.shape[-1], dtype=log_gain.dtype) - _middle(values)
     gains = jnp.exp(exponent * log_gain)
-    at, top = first_largest(values, gains, of=lambda value, gain: finite(value) * gain)
+    at, top = jnp.zeros((), jnp.int32), largest_of(_compensated, values, gains)
     if differentiable:  # in the rule for a derivative, of which there may be another
+        at, _ = first_largest(values, gains, of=_compensated)
         top = value_at(finite(values), at) * value_at(gains, at)
     inverse = safe_divide(jnp.ones_like(top), top)
     # The largest weight is 1, so the sum is at least 1, whatever underflows beside it; so it is in a silent sweep.
     most = jnp.where(top > 0, 1.0, 0.0)
     parts = [(finite(value) * gain * inverse, *rest) for value, gain, *rest in sliced(values, gains, log_gain, bins)]
-    weights = [jnp.exp((ratio - most) / temperature) for ratio, _, _ in parts]
+    cold = 1.0 / temperature
+    weights = [jnp.exp((ratio - most) * cold) for ratio, _, _ in parts]
     terms = [(weight, weight * offset) for weight, (_, _, offset) in zip(weights, parts, strict=True)]
     whole, first = summed(terms, values.shape[-1])
     return _Weighed(at, top, parts, weights, whole, first / whole)
+
+
+def _compensated(value: Any, gain: Any) -> Any:
+    return finite(value) * gain
 
 
 def _middle(values: RawSweep) -> float:

@@ -82,17 +82,18 @@ def _by_logs(block: Block, start: Callable[[int], Any], *inputs: Array) -> Any:
     part = _block_size(logs, BLOCK_BY_LOGS // sweeps)
     groups = logs // part
 
-    def one(group: Any) -> Any:
-        sweeps, *rest = group
-        return block(start(sweeps.shape[0]), lambda: sweeps, *rest)[1]
+    def one(first: Any, count: int) -> Any:
+        cut = [partial(jax.lax.dynamic_slice_in_dim, values, first, count, 0) for values in inputs]
+        return block(start(count), cut[0], *(values() for values in cut[1:]))[1]
 
     if groups == 1:
-        return one(inputs)
-    head = tuple(values[: groups * part].reshape(groups, part, *values.shape[1:]) for values in inputs)
-    done = jax.tree.map(lambda leaf: leaf.reshape(groups * part, *leaf.shape[2:]), jax.lax.map(one, head))
+        done = one(0, part)
+    else:
+        done = jax.lax.map(partial(one, count=part), part * jnp.arange(groups, dtype=jnp.int32))
+        done = jax.tree.map(lambda leaf: leaf.reshape(groups * part, *leaf.shape[2:]), done)
     if groups * part == logs:
         return done
-    rest = one([values[groups * part :] for values in inputs])
+    rest = one(groups * part, logs - groups * part)
     return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), done, rest)
 
 
@@ -111,6 +112,7 @@ def _by_time(block: Block, start: Callable[[int], Any], *inputs: Array) -> Any:
     done = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, 1).reshape(logs, blocks * part), done)
     if blocks * part == sweeps:
         return done
-    rest = [values[:, blocks * part :] for values in columns]
-    ending = block(state, lambda: rest[0], *rest[1:], lengths - blocks * part)[1]
+    first = blocks * part
+    cut = [partial(jax.lax.dynamic_slice_in_dim, values, first, sweeps - first, 1) for values in columns]
+    ending = block(state, cut[0], cut[1](), cut[2](), lengths - first)[1]
     return jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), done, ending)

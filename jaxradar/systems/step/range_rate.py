@@ -148,7 +148,7 @@ class RangeRateDetector(RangeRateBase):
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> SweepPeak:
         if not self._windowed:
             return self._observed(axis, self._unwindowed(axis, sweep), flags)
-        selected = self._select(axis, sweep)
+        selected, _ = self._select(axis, sweep)
         return self._observed(axis, self._refine(selected, *self._read(axis, sweep, selected)), flags)
 
     def _observe_all(
@@ -159,7 +159,7 @@ class RangeRateDetector(RangeRateBase):
     ) -> SweepPeak:
         if not self._windowed:
             return super()._observe_all(axis, sweeps, flags)
-        selected = each_sweep(partial(self._select, axis))(sweeps())
+        selected, _ = each_sweep(partial(self._select, axis))(sweeps())
         start, *taps = each_sweep(partial(self._read, axis))(sweeps(), selected)
         # The few taps of all sweeps side by side: they fill the processor's registers, whatever their number is.
         taps = [row_major(jnp.moveaxis(row_major(one), -1, 1)) for one in taps]
@@ -177,20 +177,23 @@ class RangeRateDetector(RangeRateBase):
     def _log_gain(self, axis: RangeAxis) -> Sweep:
         return jnp.log(2.0 * jnp.maximum(jnp.asarray(axis.range_m), 1e-6))
 
-    def _select(self, axis: RangeAxis, sweep: RawSweep) -> Index:
+    def _select(self, axis: RangeAxis, sweep: RawSweep) -> tuple[Index, Scalar]:
+        """The bin of the largest compensated amplitude, and that."""
         gain = jnp.exp(jnp.asarray(self.exponent, float) * self._log_gain(axis))
         # In double the product of a 16-bit count and a single-precision gain is exact, with room for the index.
         with jax.enable_x64(True):
-            return packed_largest(sweep, gain.astype(jnp.float64), of=lambda counts, one: nonnegative(counts) * one)[0]
+            selected, top = packed_largest(
+                sweep, gain.astype(jnp.float64), of=lambda counts, one: nonnegative(counts) * one
+            )
+            return selected, top.astype(gain.dtype)
 
     def _unwindowed(self, axis: RangeAxis, sweep: RawSweep) -> Peak:
         if self.peak == "matched filter":
             return MatchedFilter(self.pulse_m / axis.bin_m)(sweep)
         log_gain = self._log_gain(axis)
         if self.peak == "arg-max":
-            selected = self._select(axis, sweep)
-            amplitude = finite(sweep)[selected]
-            return Peak(selected.astype(log_gain.dtype), amplitude, amplitude > 0)
+            selected, top = self._select(axis, sweep)
+            return Peak(selected.astype(log_gain.dtype), finite(sweep)[selected], top > 0)
         exponent = jnp.asarray(self.exponent, log_gain.dtype)
         position, found = soft_position(sweep, self.temperature, log_gain, exponent)
         return Peak(jnp.where(found, position, 0.0), largest(finite(sweep)), found)
