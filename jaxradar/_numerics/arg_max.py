@@ -14,6 +14,7 @@ from jaxradar._numerics.staged import (
     Reduced,
     Values,
     covering_slices,
+    from_ordered_bits,
     in_stages,
     largest,
     ordered_bits,
