@@ -11,6 +11,9 @@ from jaxradar import read_log
 from jaxradar._numerics import reductions
 from jaxradar.systems.step import DefaultDetector, RangeRateDetector, ThesisDetector, detect, thin
 
+# Minutes: each precision, form and number of bins is a program of its own.
+pytestmark = pytest.mark.long
+
 PEAKS = ("arg-max", "parabola", "soft-argmax", "soft-argmax over all bins", "matched filter")
 DETECTORS = {"default": DefaultDetector(), **{peak: RangeRateDetector(peak=peak) for peak in PEAKS}}
 

@@ -240,6 +240,7 @@ def _total(detector, axis, sweeps, flags, dt):
 GRADIENTS = jax.jit(jax.grad(_total, argnums=(0, 2)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", [case for case in HARD if case not in ("no sweep", "one sweep", "float32")])
 @pytest.mark.parametrize("name", DETECTORS)
 def test_hard_cases_by_gradient(name: str, case: str, precision: str) -> None:
