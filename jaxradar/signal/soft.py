@@ -20,7 +20,7 @@ from jaxradar._numerics import (
     summed,
     value_at,
 )
-from jaxradar._types import Flag, Index, RawSweep, Scalar, Setting, Sweep
+from jaxradar._types import Flag, RawSweep, Scalar, Setting, Sweep
 
 __all__ = ["soft_position"]
 
@@ -29,7 +29,7 @@ class _Weighed(NamedTuple):
     """The bin of the largest compensated value, and that value; slice by slice the weights; their sum and the mean of
     the bins under them, from the middle of the axis."""
 
-    at: Index
+    at: Any  # an index; None where no derivative asks for it
     top: Scalar
     parts: list[tuple[Any, ...]]  # compensated value as a share of the largest, log gain, bin from the middle
     weights: list[Any]
@@ -42,10 +42,11 @@ def _weigh(
 ) -> _Weighed:
     bins = jnp.arange(values.shape[-1], dtype=log_gain.dtype) - _middle(values)
     gains = jnp.exp(exponent * log_gain)
-    at, top = jnp.zeros((), jnp.int32), largest_of(_compensated, values, gains)
     if differentiable:  # in the rule for a derivative, of which there may be another
         at, _ = first_largest(values, gains, of=_compensated)
         top = value_at(finite(values), at) * value_at(gains, at)
+    else:
+        at, top = None, largest_of(_compensated, values, gains)
     inverse = safe_divide(jnp.ones_like(top), top)
     # The largest weight is 1, so the sum is at least 1, whatever underflows beside it; so it is in a silent sweep.
     most = jnp.where(top > 0, 1.0, 0.0)
@@ -131,10 +132,9 @@ def soft_position(
 ) -> tuple[Scalar, Flag]:
     """Mean of the bins, in bins from 0, under weights exp((v/v_max - 1) / `temperature`), and whether any is above 0.
 
-    Here v = values × e^(exponent × log_gain), NaN and infinities left out; the middle if all are 0. In
-    float32 no v may be above 1e37. Derivatives by
-    `temperature` and `exponent` are taken from moments of the sweep, so that reverse mode keeps a few numbers a sweep
-    and no array of its size.
+    Here v = values × e^(exponent × log_gain), NaN and infinities left out; the middle if all are 0. In float32 no v may
+    be above 1e37. Derivatives by `temperature` and `exponent` are taken from moments of the sweep, so that reverse mode
+    keeps a few numbers a sweep and no array of its size.
     """
     values = jnp.asarray(values)
     dtype = values.dtype if jnp.issubdtype(values.dtype, jnp.floating) else jnp.result_type(float)

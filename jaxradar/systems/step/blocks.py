@@ -18,7 +18,6 @@ from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
 BLOCK_BY_LOGS = 32768
 BLOCK_BY_TIME = 4096
 
-
 __all__ = ["check_shapes", "in_blocks"]
 
 Block = Callable[..., tuple[Any, Any]]
@@ -42,8 +41,8 @@ def in_blocks(
     block, start = partial(_block, detector, axis, pick), partial(_initial, detector, axis)
     logs, sweeps = inputs[1].shape
     if not logs or not sweeps:
-        one = [jnp.zeros((1, *(1 for _ in values.shape[1:2]), *values.shape[2:]), values.dtype) for values in inputs]
-        shapes = jax.eval_shape(partial(_by_logs, block, start), *one)
+        one_sweep = [jnp.zeros((1, 1, *values.shape[2:])[: values.ndim], values.dtype) for values in inputs]
+        shapes = jax.eval_shape(partial(_by_logs, block, start), *one_sweep)
         return jax.tree.map(lambda leaf: jnp.zeros((logs, sweeps, *leaf.shape[2:]), leaf.dtype), shapes)
     return (_by_time if detector.sequential else _by_logs)(block, start, *inputs)
 

@@ -25,6 +25,7 @@ from jaxradar._types import Counts, Flag, Flags, RangeBins, RawSweep, Scalar, Se
 from jaxradar.drive import SweepFlag
 
 __all__ = [
+    "BlockSweeps",
     "Decision",
     "MotionSample",
     "RangeAxis",
@@ -135,6 +136,8 @@ def each_sweep(function: Callable[..., Any]) -> Callable[..., Any]:
     return jax.vmap(jax.vmap(function))
 
 
+# The recorded sweeps of a block, cut out of the batch where they are read.
+BlockSweeps = Callable[[], Shaped[Array, "logs sweeps bins"]]
 Observed = TypeVar("Observed")
 State = TypeVar("State")
 
@@ -176,7 +179,7 @@ class StepDetector(eqx.Module, Generic[Observed, State]):
         self,
         axis: RangeAxis,
         state: State,
-        sweeps: Callable[[], Shaped[Array, "logs sweeps bins"]],
+        sweeps: BlockSweeps,
         flags: UInt[Array, "logs sweeps"],
         dt: Float[Array, "logs sweeps"],
     ) -> tuple[State, Decision]:

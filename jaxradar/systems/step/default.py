@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import ClassVar
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Shaped, UInt
+from jaxtyping import Array, Float, UInt
 
 from jaxradar._numerics import finite, first_argmax, largest, select_largest, value_at
 from jaxradar._types import Counts, Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
@@ -16,6 +15,7 @@ from jaxradar.signal.clutter import noise_floor, subtract_floor
 from jaxradar.signal.correlate import ProfileShift, profile_shift
 from jaxradar.signal.peaks import ArgMax, SoftArgmax, vertex, window_at
 from jaxradar.systems.step.config import (
+    BlockSweeps,
     Decision,
     MotionSample,
     RangeAxis,
@@ -157,7 +157,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         self,
         axis: RangeAxis,
         state: DefaultState,
-        sweeps: Callable[[], Shaped[Array, "logs sweeps bins"]],
+        sweeps: BlockSweeps,
         flags: UInt[Array, "logs sweeps"],
         dt: Float[Array, "logs sweeps"],
     ) -> tuple[DefaultState, Decision]:

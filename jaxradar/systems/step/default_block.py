@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Shaped, UInt
+from jaxtyping import Array, Float, UInt
 
 from jaxradar._numerics import finite, reductions, row_major
 from jaxradar.signal.clutter import subtract_floor
 from jaxradar.signal.peaks import window_at
-from jaxradar.systems.step.config import Decision, RangeAxis, each_sweep, is_saturated
+from jaxradar.systems.step.config import BlockSweeps, Decision, RangeAxis, each_sweep, is_saturated
 from jaxradar.systems.step.default_states import DefaultState, Followed
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def follow_block(
     detector: DefaultDetector,
     axis: RangeAxis,
     state: DefaultState,
-    sweeps: Callable[[], Shaped[Array, "logs sweeps bins"]],
+    sweeps: BlockSweeps,
     flags: UInt[Array, "logs sweeps"],
     dt: Float[Array, "logs sweeps"],
 ) -> tuple[DefaultState, Decision]:

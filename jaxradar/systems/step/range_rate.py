@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Shaped, UInt
+from jaxtyping import Array, Float, UInt
 
 from jaxradar._numerics import finite, largest, nonnegative, packed_largest, reductions, row_major
 from jaxradar._types import Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
 from jaxradar.signal.peaks import MatchedFilter, Parabola, Peak, window_at
 from jaxradar.signal.soft import soft_position
 from jaxradar.systems.step.config import (
+    BlockSweeps,
     Decision,
     MotionSample,
     RangeAxis,
@@ -28,8 +28,6 @@ from jaxradar.systems.step.config import (
     shape_setting,
     usable,
 )
-
-Sweeps = Callable[[], Shaped[Array, "logs sweeps bins"]]
 
 __all__ = ["RangeRateBase", "RangeRateDetector", "RangeRateState"]
 
@@ -75,7 +73,7 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
         self,
         axis: RangeAxis,
         state: RangeRateState,
-        sweeps: Sweeps,
+        sweeps: BlockSweeps,
         flags: UInt[Array, "logs sweeps"],
         dt: Float[Array, "logs sweeps"],
     ) -> tuple[RangeRateState, Decision]:
@@ -101,7 +99,7 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
     def _observe_all(
         self,
         axis: RangeAxis,
-        sweeps: Sweeps,
+        sweeps: BlockSweeps,
         flags: UInt[Array, "logs sweeps"],
     ) -> SweepPeak:
         return each_sweep(partial(self.observe, axis))(sweeps(), flags)
@@ -154,7 +152,7 @@ class RangeRateDetector(RangeRateBase):
     def _observe_all(
         self,
         axis: RangeAxis,
-        sweeps: Sweeps,
+        sweeps: BlockSweeps,
         flags: UInt[Array, "logs sweeps"],
     ) -> SweepPeak:
         if not self._windowed:
