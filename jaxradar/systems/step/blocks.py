@@ -17,6 +17,9 @@ from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
 # Sweeps in a block: what is made of them stays in the processor's cache, and a block's loops outweigh their starts.
 BLOCK_BY_LOGS = 32768
 BLOCK_BY_TIME = 4096
+# From so many bins on a sweep outweighs all that is made of it (some 50 bytes), and the batch is gone through at once:
+# the compiler copies a block of long sweeps before it reads it.
+WHOLE_FROM_BINS = 400
 
 __all__ = ["check_shapes", "in_blocks"]
 
@@ -78,7 +81,7 @@ def _block_size(count: int, wanted: int) -> int:
 def _by_logs(block: Block, start: Callable[[int], Any], *inputs: Array) -> Any:
     """A few logs at a time, each from its first sweep to its last."""
     logs, sweeps = inputs[1].shape
-    part = _block_size(logs, BLOCK_BY_LOGS // sweeps)
+    part = logs if inputs[0].shape[2] >= WHOLE_FROM_BINS else _block_size(logs, BLOCK_BY_LOGS // sweeps)
     groups = logs // part
 
     def one(first: Any, count: int) -> Any:

@@ -59,8 +59,8 @@ def run_batch(
 ) -> Any:
     """All decisions on a batch of series of one range axis, each field (logs, sweeps); invalid beyond `lengths`.
 
-    Goes through the batch in blocks of some thousand sweeps, or of one whole log where that is longer and the detector
-    is not `sequential`, so that no temporary grows with the number of logs; of each block,
+    Goes through the batch in blocks of some thousand sweeps (of one whole log where that is longer and the detector is
+    not `sequential`; at once where sweeps are long), so that temporaries stay a small share of the input; of each block
     only what `pick` makes of its decisions is kept: arrays whose first two axes are (logs, sweeps of the block).
     Pure, to be jit-compiled and differentiated; `detect_batch` is this, compiled. Call it inside
     `precision(detector)`. Raises `ValueError` in a precision that the detector does not take, and for shapes that do
