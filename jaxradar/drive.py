@@ -166,12 +166,22 @@ class Mounting:
 
 @dataclass(frozen=True)
 class RoadStep:
-    """A step in the road: `impact_s` is the first contact of a front tyre, in seconds since the first sweep of the
-    drive; `height_m` is positive upwards, None where it is not known. Raises `ValueError` for an impact that is no time
-    of a drive."""
+    """A step in the road; all times in seconds since the first sweep of the drive, None what is not known.
+
+    - `impact_s`: first contact of a front tyre. `height_m`: positive upwards.
+    - `wheels_s`: when each wheel touches it, front right, front left, rear right, rear left; None for one that does
+      not.
+    - `peak_m_s2`: the body's largest vertical acceleration soon afterwards, without sign; `hard_s`: when it first is
+      15 m/s² (thesis, section 6.2), None if it never is.
+
+    Raises `ValueError` for an impact that is no time of a drive.
+    """
 
     impact_s: float
     height_m: float | None = None
+    wheels_s: tuple[float | None, ...] | None = None
+    peak_m_s2: float | None = None
+    hard_s: float | None = None
 
     def __post_init__(self) -> None:
         if not abs(self.impact_s) < _MOST_SECONDS:

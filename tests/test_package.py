@@ -71,8 +71,6 @@ def test_importing_the_package_is_quick() -> None:
     assert taken < 0.15
 
 
-def test_the_readers_and_the_demo_drive_need_no_jax() -> None:
-    loaded = fresh(
-        "import sys, jaxradar; jaxradar.read_log, jaxradar.demo_drive, jaxradar.match_steps; print(*sys.modules)"
-    )
+def test_the_readers_need_no_jax() -> None:
+    loaded = fresh("import sys, jaxradar; jaxradar.read_log, jaxradar.match_steps; print(*sys.modules)")
     assert not {"jax", "equinox", "matplotlib"} & set(loaded.stdout.split())

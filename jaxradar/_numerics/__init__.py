@@ -21,10 +21,13 @@ from jaxradar._numerics.staged import (
     total,
     totals,
 )
+from jaxradar._numerics.trigonometry import angle_of, cosine_sine
 
 __all__ = [
+    "angle_of",
     "as_scalar",
     "compiled",
+    "cosine_sine",
     "cpu_shaped",
     "finite",
     "first_argmax",

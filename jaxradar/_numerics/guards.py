@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxradar._types import RawSweep, Scalar, Setting, Sweep
+from jaxradar._types import RawSweep, Setting, Sweep
 
 __all__ = [
     "as_scalar",
@@ -59,7 +59,7 @@ def safe_divide(
     return jnp.where(zero, otherwise, numerator / jnp.where(zero, 1.0, denominator))
 
 
-def safe_sqrt(value: Scalar) -> Scalar:
+def safe_sqrt(value: Float[Array | np.ndarray, "*shape"]) -> Float[Array, "*shape"]:
     """Square root, with value and gradient 0 where `value` <= 0."""
     positive = value > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, value, 1.0)), 0.0)

@@ -96,8 +96,14 @@ def _assemble(folder: Path, header: Mapping[str, Any], verify: bool) -> Drive:
         sensors=tuple(sensors),
         motion=Motion(**motion),
         mounting=None if mounting is None else Mounting(**mounting),
-        truth=None if truth is None else Truth(tuple(RoadStep(**step) for step in truth)),
+        truth=None if truth is None else Truth(tuple(_step(step) for step in truth)),
         started_at_ns=header["started_at_ns"],
         clock_start_ns=clock,
         problems=tuple(problems),
     )
+
+
+def _step(held: dict[str, Any]) -> RoadStep:
+    """A step out of JSON, which knows no tuples."""
+    wheels = held.get("wheels_s")
+    return RoadStep(**{**held, "wheels_s": None if wheels is None else tuple(wheels)})

@@ -1,12 +1,14 @@
 """What the road was: the steps that a drive went over, and how the sensor was mounted, in a JSON file beside the log.
 
     {
-      "steps": [{"impact_s": 1.25, "height_m": 0.03}],
+      "steps": [{"impact_s": 1.25, "height_m": 0.03, "wheels_s": [1.25, 1.25, 1.44, 1.44],
+                 "peak_m_s2": 13.9, "hard_s": null}],
       "mounting": {"height_m": 0.35, "angle_deg": 45, "front_wheel_m": 0.15}
     }
 
 `truth.json` in a log folder, `NAME.truth.json` beside a log that is one file `NAME.csv` or `NAME.h5`. Every key may be
-left out but `impact_s`. `"steps": []` says that there was no step; without `steps` that is not known.
+left out but `impact_s` (`RoadStep` says what they mean). `"steps": []` says that there was no step; without `steps`
+that is not known.
 """
 
 from __future__ import annotations
@@ -70,13 +72,19 @@ def _known(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _step(path: Path, place: str, step: Any) -> RoadStep:
-    _check_keys(path, place, step, ("impact_s", "height_m"))
+    _check_keys(path, place, step, tuple(part.name for part in fields(RoadStep)))
     impact_s = _number(path, place, step, "impact_s")
     if impact_s is None:
         raise LogError(path, f"{place} lacks `impact_s`, the first contact of a front tyre in seconds.")
-    height_m = _number(path, place, step, "height_m")
+    numbers = {name: _number(path, place, step, name) for name in ("height_m", "peak_m_s2", "hard_s")}
+    wheels = step.get("wheels_s")
+    if wheels is not None:
+        if not isinstance(wheels, list):
+            raise LogError(path, f"`wheels_s` of {place} must be a list of times; got {wheels!r:.60}.")
+        held = {f"wheels_s[{wheel}]": time for wheel, time in enumerate(wheels)}
+        wheels = tuple(_number(path, place, held, name) for name in held)
     try:
-        return RoadStep(impact_s, height_m)
+        return RoadStep(impact_s, wheels_s=wheels, **numbers)
     except ValueError as error:
         raise LogError(path, f"{place}: {error}") from None
 

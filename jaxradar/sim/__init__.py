@@ -1,5 +1,108 @@
-"""Drives that nobody drove. A simulator knows nothing of the detectors that it tests."""
+"""Drives that nobody drove. A simulator knows nothing of the detectors that it tests.
+
+A scene says what there is: a radar on a mount, a road, a surface, a car in motion, and effects. `simulate` makes a
+`Drive` of it, with its truth; `render` is the pure function inside, for gradients and batches.
+"""
 
 from jaxradar.sim.demo import DemoScene, demo_drive
+from jaxradar.sim.effects import (
+    EFFECTS,
+    CpuClock,
+    DirectLeakage,
+    DroppedSweeps,
+    Gain,
+    Interference,
+    LateSweeps,
+    LostEcho,
+    Multipath,
+    Quantisation,
+    Rain,
+    RangeWalk,
+    ReceiverNoise,
+    RunningAverage,
+    Saturation,
+    TemperatureDrift,
+    Thinning,
+    TimeJitter,
+    WaterFilm,
+)
+from jaxradar.sim.explain import Contribution, Significance, Tolerance, significant
+from jaxradar.sim.files import dump_scene, load_scene, ready_scenes
+from jaxradar.sim.motion import CarMotion, Curve, SpeedChange
+from jaxradar.sim.plan import Plan, plan_scene
+from jaxradar.sim.radar import Radar
+from jaxradar.sim.render import Rendered, render
+from jaxradar.sim.road.elements import (
+    ELEMENTS,
+    FlatTopHump,
+    Kerb,
+    Pothole,
+    RoadElement,
+    SinusoidalHump,
+    StepDown,
+    StepUp,
+)
+from jaxradar.sim.road.roughness import Roughness
+from jaxradar.sim.road.scene import Mount, RoadScene
+from jaxradar.sim.scene import Effect
+from jaxradar.sim.simulate import simulate, simulate_batch
+from jaxradar.sim.surface import SURFACES, Surface
+from jaxradar.sim.vehicle import HalfCar, QuarterCar, Vehicle
 
-__all__ = ["DemoScene", "demo_drive"]
+__all__ = [
+    "EFFECTS",
+    "ELEMENTS",
+    "SURFACES",
+    "CarMotion",
+    "Contribution",
+    "CpuClock",
+    "Curve",
+    "DemoScene",
+    "DirectLeakage",
+    "DroppedSweeps",
+    "Effect",
+    "FlatTopHump",
+    "Gain",
+    "HalfCar",
+    "Interference",
+    "Kerb",
+    "LateSweeps",
+    "LostEcho",
+    "Mount",
+    "Multipath",
+    "Plan",
+    "Pothole",
+    "Quantisation",
+    "QuarterCar",
+    "Radar",
+    "Rain",
+    "RangeWalk",
+    "ReceiverNoise",
+    "Rendered",
+    "RoadElement",
+    "RoadScene",
+    "Roughness",
+    "RunningAverage",
+    "Saturation",
+    "Significance",
+    "SinusoidalHump",
+    "SpeedChange",
+    "StepDown",
+    "StepUp",
+    "Surface",
+    "TemperatureDrift",
+    "Thinning",
+    "TimeJitter",
+    "Tolerance",
+    "Vehicle",
+    "WaterFilm",
+    "demo_drive",
+    "dump_scene",
+    "load_scene",
+    "plan_scene",
+    "ready_scenes",
+    "render",
+    "significant",
+    "simulate",
+    "simulate_batch",
+]

@@ -9,7 +9,6 @@ a block of sweeps, for batches and tuning, and decides the same.
 from __future__ import annotations
 
 import abc
-import dataclasses
 from collections.abc import Callable
 from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar
@@ -20,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped, UInt
 
-from jaxradar._numerics import as_scalar
+from jaxradar._settings import Settings
 from jaxradar._types import Counts, Flag, Flags, RangeBins, RawSweep, Scalar, Setting, Sweep
 from jaxradar.drive import SweepFlag
 
@@ -31,30 +30,10 @@ __all__ = [
     "RangeAxis",
     "StepDetector",
     "SweepPeak",
-    "choice_setting",
     "each_sweep",
     "is_saturated",
-    "setting",
-    "shape_setting",
     "usable",
 ]
-
-
-def setting(default: float, low: float, high: float, unit: str, doc: str) -> Any:
-    """A value that tuning may move: an array leaf with bounds (both allowed), a unit and one line of explanation."""
-    return eqx.field(
-        default=default, converter=as_scalar, metadata={"low": low, "high": high, "unit": unit, "doc": doc}
-    )
-
-
-def shape_setting(default: Any, low: float, high: float, unit: str, doc: str) -> Any:
-    """A value that sets a shape or a branch of the program: static, changing it recompiles."""
-    return eqx.field(default=default, static=True, metadata={"low": low, "high": high, "unit": unit, "doc": doc})
-
-
-def choice_setting(default: str, choices: tuple[str, ...], doc: str) -> Any:
-    """A branch of the program chosen by name: static."""
-    return eqx.field(default=default, static=True, metadata={"choices": choices, "unit": "", "doc": doc})
 
 
 def usable(flags: UInt[Array | np.ndarray, "*shape"]) -> Bool[Array | np.ndarray, "*shape"]:
@@ -142,12 +121,11 @@ Observed = TypeVar("Observed")
 State = TypeVar("State")
 
 
-class StepDetector(eqx.Module, Generic[Observed, State]):
+class StepDetector(Settings, Generic[Observed, State]):
     """Base of all step detectors.
 
     `float64`: whether the detector must run in double precision to choose as its document does.
     `sequential`: whether `follow` goes through time step by step, and so wants many logs side by side.
-    Raises `ValueError` at construction for a value outside its bounds, naming the argument, the bound and the value.
     """
 
     name: ClassVar[str]
@@ -201,21 +179,3 @@ class StepDetector(eqx.Module, Generic[Observed, State]):
             return self.track(axis, state, observation, None, elapsed)
 
         return jax.vmap(lambda *one: jax.lax.scan(step, one[0], one[1:]))(state, observations, dt)
-
-    def __check_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            # Under jit, vmap and tuning a leaf is a tracer; its value is checked where it is concrete.
-            if "choices" in field.metadata and value not in field.metadata["choices"]:
-                raise ValueError(
-                    f"`{type(self).__name__}({field.name}=...)` must be one of "
-                    f"{', '.join(field.metadata['choices'])}; got {value!r}."
-                )
-            if "low" not in field.metadata or isinstance(value, jax.core.Tracer):
-                continue
-            low, high = field.metadata["low"], field.metadata["high"]
-            if not (np.ndim(value) == 0 and low <= value <= high):
-                raise ValueError(
-                    f"`{type(self).__name__}({field.name}=...)` must be between {low} and {high}"
-                    f"{' ' + field.metadata['unit'] if field.metadata['unit'] else ''}; got {value}."
-                )

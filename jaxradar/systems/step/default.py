@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, UInt
 
 from jaxradar._numerics import finite, first_argmax, largest, select_largest, value_at
+from jaxradar._settings import setting, shape_setting
 from jaxradar._types import Counts, Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
 from jaxradar.drive import FULL_SCALE
 from jaxradar.signal.clutter import noise_floor, subtract_floor
@@ -21,8 +22,6 @@ from jaxradar.systems.step.config import (
     RangeAxis,
     StepDetector,
     is_saturated,
-    setting,
-    shape_setting,
     usable,
 )
 from jaxradar.systems.step.default_block import follow_block

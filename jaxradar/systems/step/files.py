@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from jaxradar._errors import ConfigError
+from jaxradar._settings import declared, read_settings, settings_lines
 from jaxradar._toml import check_keys, nearest, read_toml, toml_line, toml_value
 from jaxradar.drive import Mounting
 from jaxradar.systems.step.config import StepDetector
@@ -75,9 +76,10 @@ def _parse(path: str, tables: dict[str, Any]) -> DetectorFile:
             f"{path}: unknown `detector` {name!r}{nearest(str(name), DETECTORS)}; expected {', '.join(DETECTORS)}."
         )
     kind = DETECTORS[name]
-    settings = {one.name: one for one in dataclasses.fields(kind)}
+    settings = declared(kind)
     check_keys(path, tables, ["format", "detector", *settings, "mounting", "provenance"], f"the detector `{name}`")
-    values = {key: _value(path, settings[key], tables[key]) for key in settings if key in tables}
+    held = {key: value for key, value in tables.items() if key in settings}
+    values = read_settings(path, kind, held, f"the detector `{name}`")
     try:
         detector = kind(**values)
     except ValueError as error:
@@ -110,28 +112,13 @@ def _table(path: str, tables: dict[str, Any], key: str) -> dict[str, Any]:
     return table
 
 
-def _value(path: str, one: dataclasses.Field[Any], value: Any) -> Any:
-    if "choices" in one.metadata:
-        return value  # refused at construction if it is none of them
-    wanted = bool if isinstance(one.default, bool) else float
-    if isinstance(value, bool) != (wanted is bool) or not isinstance(value, int | float):
-        expected = "true or false" if wanted is bool else "a number"
-        raise ConfigError(f"{path}: `{one.name}` must be {expected}; got {value!r}.")
-    return wanted(value)
-
-
 def dump_detector(file: DetectorFile | str) -> str:
     """A detector as TOML text, each setting with its unit and meaning. A name gives that detector's defaults."""
     if isinstance(file, str):
         file = load_detector(file)
     detector = file.detector
     lines = [toml_line("format", FORMAT), toml_line("detector", detector.name), ""]
-    for one in dataclasses.fields(detector):
-        value = getattr(detector, one.name)
-        plain = value if isinstance(value, bool | str) else float(value)
-        unit = f"{one.metadata['unit']}: " if one.metadata["unit"] else ""
-        choices = f": {', '.join(one.metadata['choices'])}" if "choices" in one.metadata else ""
-        lines.append(toml_line(one.name, plain, unit + one.metadata["doc"] + choices))
+    lines += settings_lines(detector)
     if file.mounting is not None:
         lines += ["", "[mounting]"]
         lines += [toml_line(key, value) for key, value in vars(file.mounting).items() if value is not None]

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from jaxradar._numerics import finite, first_argmax
+from jaxradar._settings import setting, shape_setting
 from jaxradar._types import Flag, Flags, RawSweep, Scalar, Setting, Sweep
 from jaxradar.drive import FULL_SCALE
 from jaxradar.systems.step.config import (
@@ -17,8 +18,6 @@ from jaxradar.systems.step.config import (
     StepDetector,
     SweepPeak,
     is_saturated,
-    setting,
-    shape_setting,
     usable,
 )
 

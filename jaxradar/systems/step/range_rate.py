@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, UInt
 
 from jaxradar._numerics import finite, largest, nonnegative, packed_largest, reductions, row_major
+from jaxradar._settings import choice_setting, setting, shape_setting
 from jaxradar._types import Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
 from jaxradar.signal.peaks import MatchedFilter, Parabola, Peak, window_at
 from jaxradar.signal.soft import soft_position
@@ -21,11 +22,8 @@ from jaxradar.systems.step.config import (
     RangeAxis,
     StepDetector,
     SweepPeak,
-    choice_setting,
     each_sweep,
     is_saturated,
-    setting,
-    shape_setting,
     usable,
 )
 

@@ -1,0 +1,97 @@
+"""What of a scene is fixed before it is traced: sizes, and the numbers that set them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxradar._errors import ConfigError
+from jaxradar.sim.motion import along
+from jaxradar.sim.radar import TOGETHER, reach_of
+from jaxradar.sim.road.scene import RoadScene
+
+__all__ = ["Plan", "plan_scene"]
+
+FINE_S = 0.0005  # between two moments at which the car's motion is worked out
+BLOCK = 256  # sweeps that are made side by side
+MOST_POINTS = 20_000_000
+MOST_NODES = 4096
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Sizes of a scene's arrays; hashable, so that two scenes with one plan share a program.
+
+    - `sweeps`, `block`: of the drive, and how many are made side by side.
+    - `first_point`, `points`: which points of the ground there are, 0 being at the sensor's foot at the start.
+    - `behind_m`, `visible`: how far behind the sensor's foot the visible points begin, and how many there are.
+    - `fine_steps`: moments at which the motion is worked out, `FINE_S` apart, from `fine_start_s` on.
+    - `fwhm_m`: the pulse that nodes were laid for; `widening`: how many times wider the band may become.
+    """
+
+    sweeps: int
+    block: int
+    first_point: int
+    points: int
+    behind_m: float
+    visible: int
+    fine_start_s: float
+    fine_steps: int
+    fwhm_m: float
+    widening: float
+
+
+def _values(scene: RoadScene) -> RoadScene:
+    """The scene with all its settings as NumPy numbers. Raises `TypeError` where they are traced."""
+    for leaf in jax.tree.leaves(scene):
+        if isinstance(leaf, jax.core.Tracer):
+            raise TypeError("a plan is made of a scene's values, outside of what is traced: `plan_scene(scene)`.")
+    return jax.tree.map(np.asarray, scene)
+
+
+def plan_scene(scene: RoadScene) -> Plan:
+    """The plan of a scene, or of a batch of scenes of one structure, whose settings have a leading axis: the same sizes
+    for all of them. Raises `ConfigError` for a scene that is too large to be held."""
+    scene = _values(scene)
+    widest = lambda value: float(np.max(value))  # noqa: E731
+    least = lambda value: float(np.min(value))  # noqa: E731
+    radar, mount = scene.radar, scene.mount
+    sweeps = max(1, round(scene.duration_s * radar.rate_hz))
+    fwhm = least(radar.fwhm_m)
+    # The car's way, looked at often enough.
+    start_s, stop_s = -0.1, scene.duration_s + 0.5
+    times = np.linspace(start_s, stop_s, 512)
+    batched = any(np.ndim(leaf) for leaf in jax.tree.leaves(scene.motion))
+    with jax.enable_x64(True):
+        way = lambda motion: along(motion, jnp.asarray(times)).path_m  # noqa: E731
+        path_m = np.asarray((jax.vmap(way) if batched else way)(scene.motion))
+    nearest, farthest = float(path_m.min()), float(path_m.max())
+    # Ahead as far as the range window and a pulse reach, behind as far as the beam does (30° past the vertical).
+    end_m = radar.start_m + radar.bins * radar.bin_m + 1.25 * reach_of(widest(radar.fwhm_m))
+    height = least(mount.height_m)
+    ahead_m = math.sqrt(max(end_m**2 - height**2, 0.0)) if end_m > height else 0.0
+    behind_m = min(0.6 * widest(mount.height_m), end_m)
+    visible = TOGETHER * math.ceil(((ahead_m + behind_m) / scene.spacing_m + 2) / TOGETHER)
+    first = math.floor((nearest - behind_m) / scene.spacing_m) - 1
+    points = math.ceil((farthest - nearest) / scene.spacing_m) + visible + 4
+    if points > MOST_POINTS:
+        raise ConfigError(
+            f"the scene's road holds {points:,} scatterers, more than {MOST_POINTS:,}: "
+            "shorten `duration_s` or widen `spacing_m`."
+        )
+    return Plan(
+        sweeps=sweeps,
+        block=max(1, min(BLOCK, sweeps)),
+        first_point=first,
+        points=points,
+        behind_m=behind_m,
+        visible=visible,
+        fine_start_s=start_s,
+        fine_steps=math.ceil((stop_s - start_s) / FINE_S) + 1,
+        fwhm_m=fwhm,
+        widening=1.0,
+    )

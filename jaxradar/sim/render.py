@@ -1,0 +1,253 @@
+"""A scene made into sweeps: pure functions of a scene and a key, for `jax.jit`, `jax.vmap` and `jax.grad`.
+
+What is done once for a drive (the ground's points, the car's ride) runs in float64, so that a place on a road of
+kilometres is right to a fraction of the wavelength; what is done for each point in each sweep runs in `dtype`. Call
+`render` inside `jax.enable_x64(True)`. Memory beside the result does not grow with the number of sweeps: they are made
+a block at a time.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, PRNGKeyArray, Shaped
+
+from jaxradar._types import Sweep
+from jaxradar.sim.clock import Clock
+from jaxradar.sim.corner import Wall
+from jaxradar.sim.echoes import Paths, Pose, corner_paths, ground_paths, to_echoes
+from jaxradar.sim.ground import lay_points, road_height, visible_points
+from jaxradar.sim.motion import along, bend
+from jaxradar.sim.plan import FINE_S, Plan
+from jaxradar.sim.radar import Field, Radar, envelope, field_of, nodes_of, range_axis
+from jaxradar.sim.road.elements import Face, RoadElement, beyond_edge
+from jaxradar.sim.road.roughness import RoughnessTable, rough_table
+from jaxradar.sim.road.scene import RoadScene
+from jaxradar.sim.road.tyre import wheel_height
+from jaxradar.sim.scene import named_stream, of_stage, through
+from jaxradar.sim.surface import Surface
+from jaxradar.sim.vehicle import Ride, ride
+
+__all__ = ["Rendered", "SweepContext", "render"]
+
+
+class SweepContext(NamedTuple):
+    """What an effect may know of the sweep that it changes."""
+
+    radar: Radar
+    taken_s: Array
+    range_m: np.ndarray
+    pose: Pose
+
+
+class Rendered(NamedTuple):
+    """A drive as simulated. `sweeps`: float in counts, or uint16 where the scene rounds them; `saturated`: which of
+    them reached full scale; `ride`: the body's motion each `FINE_S`, None for a car without springs."""
+
+    clock: Clock
+    sweeps: Shaped[Array, "sweeps bins"]
+    saturated: Bool[Array, " sweeps"]
+    ride: Ride | None
+
+
+def render(plan: Plan, scene: RoadScene, key: PRNGKeyArray, dtype: Any = jnp.float32) -> Rendered:
+    """All sweeps of a scene. `plan`: `plan_scene` of it, or of one of the same structure and at least its size.
+
+    Raises `ValueError` outside of `jax.enable_x64(True)`.
+    """
+    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        raise ValueError("`render` needs double precision for places and times; call it inside `jax.enable_x64(True)`.")
+    ready = _prepare(plan, scene, key, dtype)
+    blocks = -(-plan.sweeps // plan.block)
+    numbers = jnp.arange(blocks * plan.block).reshape(blocks, plan.block)
+    one = partial(_one_sweep, plan, scene, ready, key, dtype)
+
+    averages = list(of_stage(scene.effects, "average", key))
+    if averages:
+        average: Any = averages[0][0]
+        first = jax.vmap(one)(numbers[0, :1])[0]
+
+        def step(last: Array, block: Array) -> tuple[Array, tuple[Array, Array]]:
+            last, smoothed = average(last, jax.vmap(one)(jnp.minimum(block, plan.sweeps - 1)))
+            return last, _counted(scene, smoothed, key)
+
+        _, (sweeps, saturated) = jax.lax.scan(step, first, numbers)
+    else:
+        sweeps, saturated = jax.lax.map(lambda block: _counted(scene, jax.vmap(one)(block), key), numbers)
+    cut = lambda values: values.reshape(blocks * plan.block, *values.shape[2:])[: plan.sweeps]  # noqa: E731
+    return Rendered(ready.clock, cut(sweeps), cut(saturated), ready.ride)
+
+
+class _Ready(NamedTuple):
+    """What is made once for a drive."""
+
+    clock: Clock
+    surface: Surface | None
+    ground: Float[Array, "quantities points"] | None
+    start: Array
+    pose: Pose
+    walls: tuple[Wall, ...]
+    ride: Ride | None
+
+
+def _prepare(plan: Plan, scene: RoadScene, key: PRNGKeyArray, dtype: Any) -> _Ready:
+    period_s = 1.0 / scene.radar.rate_hz
+    even = jnp.arange(plan.sweeps) * period_s
+    clock = through(scene.effects, "clock", Clock(even, even, jnp.ones(plan.sweeps, bool)), period_s, key)
+    course = along(scene.motion, clock.taken_s)
+    rough = None
+    if scene.roughness is not None:
+        low = plan.first_point * scene.spacing_m - 10.0
+        rough = rough_table(
+            scene.roughness, low, low + plan.points * scene.spacing_m + 20.0, named_stream(key, "rough")
+        )
+    driven = None if scene.vehicle is None else _driven(plan, scene, rough)
+
+    surface, ground = scene.surface, None
+    if surface is not None:
+        surface = through(scene.effects, "surface", surface, None, key)
+        ground = lay_points(
+            scene.road,
+            rough,
+            plan.first_point,
+            plan.points,
+            scene.spacing_m,
+            scene.half_width_m,
+            named_stream(key, "ground"),
+        ).astype(dtype)
+    # Which point is the first to be seen, and how far ahead it lies: the one part that needs all digits.
+    places = (course.path_m - plan.behind_m) / scene.spacing_m
+    number = jnp.floor(jax.lax.stop_gradient(places))
+    pose = _pose(scene, clock.taken_s, course.speed_m_s, driven)
+    pose = pose._replace(first_m=number * scene.spacing_m - course.path_m)
+    walls = () if surface is None else _walls(scene, rough, course.path_m, pose)
+    return _Ready(
+        clock,
+        surface,
+        ground,
+        jnp.clip(number.astype(jnp.int32) - plan.first_point, 0, plan.points - plan.visible),
+        pose,
+        walls,
+        driven,
+    )
+
+
+def _driven(plan: Plan, scene: RoadScene, rough: RoughnessTable | None) -> Ride:
+    """The ride over the road that the radar sees, front and rear, left and right wheels each on its own track."""
+    vehicle = scene.vehicle
+    assert vehicle is not None
+    times = plan.fine_start_s + FINE_S * jnp.arange(plan.fine_steps)
+    course = along(scene.motion, times)
+    height = partial(road_height, scene.road, rough)
+    tracks = []
+    for behind in (scene.mount.front_wheel_m, scene.mount.front_wheel_m + vehicle.wheelbase_m):
+        sides = [
+            wheel_height(height, scene.road, course.path_m - behind, side * vehicle.half_track_m, vehicle.tyre_radius_m)
+            for side in (-1.0, 1.0)
+        ]
+        tracks.append(0.5 * (sides[0] + sides[1]))
+    return ride(vehicle.system(), jnp.stack([*tracks, course.acceleration_m_s2], axis=1), FINE_S)
+
+
+def _pose(scene: RoadScene, times_s: Array, speed_m_s: Array, driven: Ride | None) -> Pose:
+    mount = scene.mount
+    flat = jnp.zeros_like(times_s)
+    rise, climb, pitch, roll, turn = flat, flat, flat, None, None
+    if driven is not None:
+        place = (times_s - _FINE_START) / FINE_S
+        whole = jnp.clip(jnp.floor(jax.lax.stop_gradient(place)).astype(jnp.int32), 0, len(driven.rise_m) - 2)
+        share = place - whole
+        at = lambda values: values[whole] + share * (values[whole + 1] - values[whole])  # noqa: E731
+        rise, climb, pitch = at(driven.rise_m), at(driven.rise_m_s), at(driven.pitch_rad)
+    if scene.motion.curve is not None:
+        turn = bend(scene.motion.curve, times_s)
+        if scene.vehicle is not None:
+            per = jnp.asarray(scene.vehicle.roll_deg_per_m_s2) * (math.pi / 180.0)
+            # Outwards: in a bend to the left the right side goes down, the left one up.
+            roll = per * speed_m_s**2 * turn
+            rise = rise + roll * jnp.asarray(mount.lateral_m)
+    down = jnp.asarray(mount.angle_deg) * (math.pi / 180.0) - pitch
+    height = jnp.asarray(mount.height_m) + rise
+    lateral = jnp.broadcast_to(jnp.asarray(mount.lateral_m), times_s.shape)
+    return Pose(flat, height, down, roll, turn, lateral, speed_m_s, climb)
+
+
+_FINE_START = -0.1
+
+
+def _walls(scene: RoadScene, rough: RoughnessTable | None, path_m: Array, pose: Pose) -> tuple[Wall, ...]:
+    """Each wall of the road as each sweep sees it, (sweeps,) each; rising and falling ones are told apart later."""
+    return tuple(_wall(scene, rough, element, face, path_m, pose) for element in scene.road for face in element.faces())
+
+
+def _wall(
+    scene: RoadScene, rough: RoughnessTable | None, element: RoadElement, face: Face, path_m: Array, pose: Pose
+) -> Wall:
+    angle = jnp.broadcast_to(jnp.asarray(element.oblique_deg) * (math.pi / 180.0), path_m.shape)
+    ahead = face.at_m - beyond_edge(element, path_m, pose.lateral_m)
+    foot_x, foot_y = path_m + ahead * jnp.cos(angle), pose.lateral_m + ahead * jnp.sin(angle)
+    inch = 1e-6  # to either side of the face
+    before = road_height(scene.road, rough, foot_x - inch * jnp.cos(angle), foot_y - inch * jnp.sin(angle))
+    other = before + (face.height_m if face.rises else -face.height_m)
+    low, high = (before, other) if face.rises else (other, before)
+    return Wall(ahead, angle, low, high, jnp.broadcast_to(face.lean_rad, path_m.shape))
+
+
+def _one_sweep(plan: Plan, scene: RoadScene, ready: _Ready, key: PRNGKeyArray, dtype: Any, number: Array) -> Sweep:
+    """The envelope of sweep `number`, in counts."""
+    here = lambda tree: jax.tree.map(lambda one: one[number].astype(dtype), tree)  # noqa: E731
+    pose, walls = here(ready.pose), here(ready.walls)
+    radar = scene.radar
+    range_m = range_axis(radar)
+    for effect, _ in of_stage(scene.effects, "axis", key):
+        range_m = effect(range_m, None, key)
+    context = SweepContext(radar, ready.clock.taken_s[number], range_m, pose)
+    field = Field(jnp.zeros(len(range_m), dtype), jnp.zeros(len(range_m), dtype))
+    if ready.surface is not None:
+        assert ready.ground is not None
+        walks: list[Any] = [effect for effect, _ in of_stage(scene.effects, "walk", key)]
+        paths = _paths(plan, scene, ready, dtype, number, pose, walls, bool(walks))
+        paths = through(scene.effects, "paths", paths, context, key, number)
+        later = walks[0].later(radar) if walks else None
+        echoes = to_echoes(radar, paths, later)
+        nodes_m, step_m = nodes_of(radar.start_m, float(range_axis(radar)[-1]), plan.fwhm_m, plan.widening)
+        field = field_of(echoes, nodes_m, step_m, range_m, radar.fwhm_m)
+    field = through(scene.effects, "field", field, context, key, number)
+    return envelope(field)
+
+
+def _paths(
+    plan: Plan,
+    scene: RoadScene,
+    ready: _Ready,
+    dtype: Any,
+    number: Array,
+    pose: Pose,
+    walls: tuple[Wall, ...],
+    rates: bool,
+) -> Paths:
+    assert ready.ground is not None and ready.surface is not None
+    faces = [face for element in scene.road for face in element.faces()]
+    rising = tuple(wall for wall, face in zip(walls, faces, strict=True) if face.rises)
+    falling = tuple(wall for wall, face in zip(walls, faces, strict=True) if not face.rises)
+    points = visible_points(ready.ground, ready.start[number], plan.visible)
+    paths = ground_paths(scene.radar, ready.surface, points, scene.spacing_m, falling, rates, pose)
+    if rising:
+        paths = paths.joined(corner_paths(scene.radar, ready.surface, rising, rates, pose))
+    return paths
+
+
+def _counted(
+    scene: RoadScene, envelopes: Any, key: PRNGKeyArray
+) -> tuple[Shaped[Array, "sweeps bins"], Bool[Array, " sweeps"]]:
+    """Envelopes as the recorder keeps them, and which of them are saturated."""
+    values = through(scene.effects, "gain", envelopes, None, key)
+    saturated = jnp.zeros(values.shape[:1], bool)
+    for effect, _ in of_stage(scene.effects, "limit", key):
+        values, saturated = effect(values, None, key)
+    return through(scene.effects, "rounding", values, None, key), saturated

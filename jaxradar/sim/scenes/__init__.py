@@ -1,0 +1,1 @@
+"""Ready scenes as TOML files."""

@@ -1,0 +1,194 @@
+"""Drives out of scenes: what was recorded, and what really was."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxradar._numerics import compiled
+from jaxradar.drive import NANOSECONDS, Channel, Drive, Motion, Mounting, RoadStep, SensorSeries, SweepFlag, Truth
+from jaxradar.sim.effects import Thinning
+from jaxradar.sim.motion import along, bend
+from jaxradar.sim.plan import FINE_S, Plan, plan_scene
+from jaxradar.sim.radar import range_axis
+from jaxradar.sim.render import render
+from jaxradar.sim.road.scene import RoadScene
+from jaxradar.sim.road.tyre import contact_m
+
+__all__ = ["HARD_M_S2", "drive_seeds", "simulate", "simulate_batch"]
+
+HARD_M_S2 = 15.0  # what the thesis calls a step that matters (section 6.2)
+TOGETHER = 16  # scenes of one structure that are rendered in one call
+
+_one = compiled(lambda plan, scene, key: render(plan, scene, key), static_argnums=0)
+_many = compiled(lambda plan, scenes, keys: jax.vmap(partial(render, plan))(scenes, keys), static_argnums=0)
+
+
+def drive_seeds(seed: int, count: int) -> list[int]:
+    """`count` seeds that come of one, so that the drives of two seeds have nothing in common."""
+    return [int(np.random.SeedSequence([seed, place]).generate_state(1)[0]) for place in range(count)]
+
+
+def simulate(scene: RoadScene, seed: int = 0) -> Drive:
+    """Drive through a scene; the same scene and `seed` give the same drive.
+
+    The drive's motion holds the vertical acceleration of the body over the front axle, the yaw rate and the speed, as
+    far as the scene has them; its truth the steps, when each wheel touches them, and how hard. Raises `ConfigError` for
+    a scene that is too large.
+    """
+    plan = plan_scene(scene)
+    with jax.enable_x64(True):
+        found = _one(plan, scene, jax.random.key(seed))
+        return _drive(plan, scene, jax.tree.map(np.asarray, found))
+
+
+def simulate_batch(scenes: Sequence[RoadScene], seeds: Sequence[int]) -> list[Drive]:
+    """`simulate` for each pair of scene and seed, scenes of one structure side by side.
+
+    Raises `ValueError` for scenes that differ in more than the values of their settings.
+    """
+    if len(scenes) != len(seeds):
+        raise ValueError(f"expected a seed for each scene; got {len(scenes)} scenes and {len(seeds)} seeds.")
+    if not scenes:
+        return []
+    form: Any = jax.tree.structure(scenes[0])
+    for place, scene in enumerate(scenes):
+        if jax.tree.structure(scene) != form:
+            raise ValueError(f"scene {place} differs from scene 0 in more than the values of its settings.")
+    stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *scenes)
+    plan = plan_scene(stacked)
+    drives = []
+    with jax.enable_x64(True):
+        keys = jax.vmap(jax.random.key)(jnp.asarray(seeds))
+        for low in range(0, len(scenes), TOGETHER):
+            part = slice(low, low + TOGETHER)
+            found = jax.tree.map(np.asarray, _many(plan, _picked(stacked, part), keys[part]))
+            drives += [_drive(plan, scene, _picked(found, place)) for place, scene in enumerate(scenes[part])]
+    return drives
+
+
+def _picked(tree: Any, which: int | slice) -> Any:
+    return jax.tree.map(lambda one: one[which], tree)
+
+
+def _drive(plan: Plan, scene: RoadScene, found: Any) -> Drive:
+    """`found`: what `render` gave, as NumPy arrays."""
+    clock = found.clock
+    kept = clock.kept
+    taken = clock.taken_s[kept]
+    recorded = clock.recorded_s[kept]
+    start, begin = (recorded[0], taken[0]) if len(taken) else (0.0, 0.0)
+    range_m = range_axis(scene.radar)
+    for effect in scene.effects:
+        if isinstance(effect, Thinning):
+            range_m = effect.stated(range_m)
+    flags = np.where(found.saturated[kept], np.uint16(SweepFlag.SATURATED), np.uint16(0)).astype(np.uint16)
+    pace = float(clock.motion_pace)
+    times = _nanoseconds((taken - begin) * pace)
+    mount = scene.mount
+    return Drive(
+        sensors=(
+            SensorSeries(
+                sensor=scene.radar.sensor,
+                times_ns=_nanoseconds(recorded - start),
+                sweeps=found.sweeps[kept],
+                range_m=range_m,
+                flags=flags,
+                spec={"update_rate": scene.radar.rate_hz},
+            ),
+        ),
+        motion=_motion(scene, found, taken, times),
+        mounting=Mounting(float(mount.height_m), float(mount.angle_deg), float(mount.front_wheel_m)),
+        truth=Truth(_steps(plan, scene, found, float(begin))),
+    )
+
+
+def _nanoseconds(times_s: np.ndarray) -> np.ndarray:
+    # To the microsecond, as the lab's log has them, so that nothing is lost on the way through it.
+    return np.rint(times_s * 1e6).astype(np.int64) * (NANOSECONDS // 1_000_000)
+
+
+def _motion(scene: RoadScene, found: Any, taken_s: np.ndarray, times_ns: np.ndarray) -> Motion:
+    if not len(taken_s):
+        return Motion()
+    speed = np.asarray(along(scene.motion, jnp.asarray(taken_s)).speed_m_s)
+    curve = scene.motion.curve
+    yaw = None if curve is None else Channel(times_ns, speed * np.asarray(bend(curve, jnp.asarray(taken_s))))
+    body = None
+    if found.ride is not None:
+        body = Channel(times_ns, np.interp(taken_s, _fine_times(found.ride), found.ride.body_m_s2))
+    return Motion(acceleration_m_s2=body, yaw_rate_rad_s=yaw, speed_m_s=Channel(times_ns, speed))
+
+
+def _fine_times(held: Any) -> np.ndarray:
+    return -0.1 + FINE_S * np.arange(len(held.body_m_s2))
+
+
+def _steps(plan: Plan, scene: RoadScene, found: Any, begin_s: float) -> tuple[RoadStep, ...]:
+    """Every element that the front wheels touch while the drive lasts, and when each wheel does."""
+    fine_s = -0.1 + FINE_S * np.arange(plan.fine_steps)
+    path = np.asarray(along(scene.motion, jnp.asarray(fine_s)).path_m)
+    mount, vehicle = scene.mount, scene.vehicle
+    radius = 0.2 if vehicle is None else float(vehicle.tyre_radius_m)
+    half_track = 0.5 if vehicle is None else float(vehicle.half_track_m)
+    base = 1.6 if vehicle is None else float(vehicle.wheelbase_m)
+    steps = []
+    for element in scene.road:
+        height = float(element.step_m)
+        if height == 0:
+            continue  # a step of no height is none
+        rises = any(face.rises and float(face.at_m) == 0 for face in element.faces())
+        angle = math.radians(float(element.oblique_deg))
+        # Across the edge a tyre is as round as along it.
+        contact = float(contact_m(height, radius)) if rises else 0.0
+        wheels = [
+            _passes(
+                fine_s,
+                path,
+                float(element.at_m) - (side * half_track * math.sin(angle) + contact) / math.cos(angle) + axle,
+            )
+            for axle in (float(mount.front_wheel_m), float(mount.front_wheel_m) + base)
+            for side in (1.0, -1.0)
+        ]
+        front = [time for time in wheels[:2] if time is not None]
+        if not front or not 0 <= min(front) - begin_s <= scene.duration_s:
+            continue
+        peak, hard = _shock(found, min(front))
+        steps.append(
+            RoadStep(
+                impact_s=min(front) - begin_s,
+                height_m=height,
+                wheels_s=tuple(None if time is None else time - begin_s for time in wheels),
+                peak_m_s2=peak,
+                hard_s=None if hard is None else hard - begin_s,
+            )
+        )
+    return tuple(sorted(steps, key=lambda step: step.impact_s))
+
+
+def _passes(times_s: np.ndarray, path_m: np.ndarray, place_m: float) -> float | None:
+    """When the path first reaches a place, forwards; None if it does not."""
+    over = path_m >= place_m
+    if not over.any() or over[0]:
+        return None
+    after = int(np.argmax(over))
+    share = (place_m - path_m[after - 1]) / (path_m[after] - path_m[after - 1])
+    return float(times_s[after - 1] + share * (times_s[after] - times_s[after - 1]))
+
+
+def _shock(found: Any, impact_s: float, within_s: float = 0.3) -> tuple[float | None, float | None]:
+    """Of the body's vertical acceleration soon after an impact: the largest, and when it first is `HARD_M_S2`."""
+    if found.ride is None:
+        return None, None
+    times, values = _fine_times(found.ride), np.abs(found.ride.body_m_s2)
+    soon = (times >= impact_s) & (times <= impact_s + within_s)
+    if not soon.any():
+        return None, None
+    hard = np.flatnonzero(soon & (values >= HARD_M_S2))
+    return float(values[soon].max()), float(times[hard[0]]) if hard.size else None

@@ -1,0 +1,224 @@
+"""Scenes as a whole: a float64 oracle, only what is called for, the same draws whatever else there is, hard cases."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from jaxradar import ConfigError, sim
+from jaxradar._numerics import compiled
+from jaxradar.drive import SweepFlag
+from jaxradar.sim.effects import EFFECTS
+from jaxradar.sim.ground import lay_points
+from jaxradar.sim.plan import plan_scene
+from jaxradar.sim.render import render
+from jaxradar.sim.scene import named_stream
+
+BARE = sim.RoadScene(duration_s=0.1)
+STEPPED = sim.RoadScene(duration_s=0.2, road=(sim.StepUp(at_m=1.2),), vehicle=sim.QuarterCar())
+
+
+_program = compiled(lambda plan, dtype, scene, key: render(plan, scene, key, dtype), static_argnums=(0, 1))
+
+
+def rendered(scene, seed=0, dtype=jnp.float32):
+    with jax.enable_x64(True):
+        return jax.tree.map(np.asarray, _program(plan_scene(scene), dtype, scene, jax.random.key(seed)))
+
+
+def oracle(scene, number):
+    """The envelope of a sweep of an even road, every scatterer in every bin, straight from the formulas."""
+    plan = plan_scene(scene)
+    with jax.enable_x64(True):
+        y, real, imag = np.asarray(
+            lay_points((), None, plan.first_point, plan.points, 0.006, 0.5, named_stream(jax.random.key(0), "ground"))
+        )
+    x = (plan.first_point + np.arange(plan.points)) * 0.006 - 30 / 3.6 * number / 100
+    h = 0.35
+    r = np.sqrt(x**2 + y**2 + h**2)
+    seen = (x > -plan.behind_m) & (r < 1.2)
+    x, y, r, g = x[seen], y[seen], r[seen], (real + 1j * imag)[seen]
+    cosine, surface = h / r, scene.surface
+    s2 = float(surface.slope) ** 2
+    n = np.sqrt(float(surface.permittivity))
+    sigma = ((1 - n) / (1 + n)) ** 2 / (2 * s2 * cosine**4) * np.exp(-(1 / cosine**2 - 1) / (2 * s2))
+    sigma += 10 ** (float(surface.grain_db) / 10) * cosine**2
+    off, across = np.arctan2(h, x) - np.pi / 4, np.arcsin(y / r)
+    beam = np.exp(-4 * np.log(2) * ((np.degrees(off) / 55) ** 2 + (np.degrees(across) / 80) ** 2))
+    wavelength = float(scene.radar.wavelength_m)
+    echo = float(scene.radar.gain_counts) * np.sqrt(sigma) * beam / r**2 * g * np.exp(-4j * np.pi * r / wavelength)
+    bins = 0.099768 + 0.0070338 * np.arange(128)
+    end = 0.03 / np.sqrt(1 - 0.5 ** (1 / 16))
+    pulse = np.clip(1 - ((bins[:, None] - r) / end) ** 2, 0, None) ** 16
+    return np.abs(pulse @ echo)
+
+
+@pytest.mark.parametrize("number", [0, 7])
+def test_a_sweep_is_the_coherent_sum_of_the_formulas(number):
+    wanted = oracle(BARE, number)
+    assert np.abs(rendered(BARE, dtype=jnp.float64).sweeps[number] - wanted).max() < 2e-3 * wanted.max()
+    assert np.abs(rendered(BARE).sweeps[number] - wanted).max() < 5e-3 * wanted.max()
+
+
+def test_speckle_is_tied_to_the_ground():
+    # Eight sweeps at 1 m/s and four at 2 m/s end at the same place, and must show the same.
+    slow = dataclasses.replace(BARE, motion=sim.CarMotion(1.0))
+    fast = dataclasses.replace(BARE, motion=sim.CarMotion(2.0))
+    a, b = rendered(slow, dtype=jnp.float64).sweeps, rendered(fast, dtype=jnp.float64).sweeps
+    assert_allclose(a[8], b[4], rtol=1e-6, atol=1e-6 * a.max())
+    assert np.abs(a[8] - a[0]).max() > 0.1 * a.max()
+
+
+def jaxpr(scene):
+    """The traced program, without its settings' values."""
+    with jax.enable_x64(True):
+        plan = plan_scene(scene)
+        leaves, form = jax.tree.flatten(scene)
+        return str(
+            jax.make_jaxpr(lambda *leaves: render(plan, jax.tree.unflatten(form, leaves), jax.random.key(0)).sweeps)(
+                *leaves
+            )
+        )
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effect_that_is_not_there_leaves_nothing_in_the_program(name):
+    scene = dataclasses.replace(
+        BARE, effects=(sim.ReceiverNoise(), EFFECTS[name]()) if name != "receiver-noise" else (EFFECTS[name](),)
+    )
+    rest = tuple(one for one in scene.effects if one.name != name)
+    assert jaxpr(dataclasses.replace(scene, effects=rest)) == jaxpr(dataclasses.replace(BARE, effects=rest))
+    if EFFECTS[name].stage != "clock":
+        assert jaxpr(scene) != jaxpr(dataclasses.replace(scene, effects=rest))
+
+
+def test_what_a_scene_has_not_is_not_in_its_program():
+    program = jaxpr(BARE)
+    for word in ("erfc", "threefry", "expm", "argmax", "while"):
+        assert word not in program.replace("threefry2x32", "") or word == "threefry"
+    assert len(jaxpr(STEPPED)) > 1.3 * len(program)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effect_does_not_change_the_draws_of_the_others(name):
+    noise = sim.ReceiverNoise(width_m=0.0)
+    alone = rendered(dataclasses.replace(BARE, surface=None, effects=(noise,)))
+    if name == "receiver-noise":
+        return
+    effect = EFFECTS[name]()
+    for effects in ((effect, noise), (noise, effect)):
+        found = rendered(dataclasses.replace(BARE, surface=None, effects=effects))
+        if name in ("thinning", "running-average", "quantisation", "direct-leakage", "interference"):
+            continue  # these change what noise becomes, not its draws
+        assert_array_equal(found.sweeps, alone.sweeps)
+
+
+def test_two_effects_of_a_class_have_their_own_draws():
+    bursts = sim.Interference(share=1.0)
+    one = rendered(dataclasses.replace(BARE, surface=None, effects=(bursts,))).sweeps
+    two = rendered(dataclasses.replace(BARE, surface=None, effects=(bursts, bursts))).sweeps
+    assert np.mean(np.abs(two - 2 * one) > 1.0) > 0.1
+    with pytest.raises(ValueError, match="may hold one `receiver-noise`; got two"):
+        dataclasses.replace(BARE, effects=(sim.ReceiverNoise(), sim.ReceiverNoise()))
+
+
+def test_the_same_seed_gives_the_same_drive_and_a_batch_the_same_as_one():
+    one, again, other = sim.simulate(STEPPED, 3), sim.simulate(STEPPED, 3), sim.simulate(STEPPED, 4)
+    assert_array_equal(one.sensors[0].sweeps, again.sensors[0].sweeps)
+    assert not np.array_equal(one.sensors[0].sweeps, other.sensors[0].sweeps)
+    higher = dataclasses.replace(STEPPED, road=(sim.StepUp(at_m=1.2, height_m=0.06),))
+    batch = sim.simulate_batch([STEPPED, higher], [3, 3])
+    assert_allclose(batch[0].sensors[0].sweeps, one.sensors[0].sweeps, rtol=1e-3, atol=1.0)
+    assert batch[1].truth.steps[0].height_m == pytest.approx(0.06)
+    with pytest.raises(ValueError, match="scene 1 differs from scene 0"):
+        sim.simulate_batch([STEPPED, BARE], [0, 0])
+
+
+# -- hard cases ----------------------------------------------------------------------------------------------------
+
+
+def test_a_step_of_no_height_is_no_step():
+    flat = dataclasses.replace(STEPPED, road=(sim.StepUp(at_m=1.2, height_m=0.0),))
+    drive = sim.simulate(flat)
+    assert drive.truth.steps == ()
+    assert np.abs(drive.motion.acceleration_m_s2.values).max() < 1e-9
+    assert_allclose(
+        drive.sensors[0].sweeps, sim.simulate(dataclasses.replace(flat, road=())).sensors[0].sweeps, rtol=1e-3, atol=0.5
+    )
+
+
+@pytest.mark.parametrize("speed", [0.0, -3.0], ids=["standing", "reverse"])
+@pytest.mark.parametrize("at", [0.0, -0.15, 0.3], ids=["under the sensor", "under the wheel", "ahead"])
+def test_a_step_at_the_start_standing_and_in_reverse(speed, at):
+    scene = dataclasses.replace(STEPPED, road=(sim.StepUp(at_m=at),), motion=sim.CarMotion(speed))
+    drive = sim.simulate(scene)
+    assert np.isfinite(drive.sensors[0].sweeps).all()
+    assert np.isfinite(drive.motion.acceleration_m_s2.values).all()
+    if speed == 0:
+        assert drive.truth.steps == ()
+        assert np.ptp(drive.sensors[0].sweeps, axis=0).max() == pytest.approx(
+            0.0, abs=float(1e-3 * drive.sensors[0].sweeps.max())
+        )
+
+
+def test_a_window_that_ends_before_the_road_is_silent():
+    near = dataclasses.replace(BARE, radar=sim.Radar(start_m=0.05, bin_m=0.001, bins=64))
+    far = dataclasses.replace(BARE, radar=sim.Radar(start_m=2.0, bin_m=0.01, bins=64))
+    loud = rendered(BARE).sweeps.max()
+    for scene in (near, far):
+        assert rendered(scene).sweeps.max() < 1e-3 * loud
+
+
+def test_an_empty_scene_is_silent_and_no_noise_is_none():
+    empty = dataclasses.replace(BARE, surface=None)
+    assert rendered(empty).sweeps.max() == 0
+    quiet = dataclasses.replace(empty, effects=(sim.ReceiverNoise(sigma=0.0),))
+    assert rendered(quiet).sweeps.max() == 0
+    assert rendered(dataclasses.replace(BARE, duration_s=0.0)).sweeps.shape == (1, 128)
+
+
+def test_a_pulse_narrower_than_a_bin():
+    sharp = dataclasses.replace(BARE, radar=sim.Radar(fwhm_m=0.004), spacing_m=0.002)
+    assert np.isfinite(rendered(sharp).sweeps).all()
+
+
+def test_what_makes_no_sense_is_refused_at_construction():
+    with pytest.raises(ValueError, match=r"Radar\(vertical_beam_deg=...\)` must be between 0.1"):
+        sim.Radar(vertical_beam_deg=0.0)
+    with pytest.raises(ValueError, match="higher than the sensor"):
+        dataclasses.replace(BARE, road=(sim.StepUp(height_m=0.4),))
+    with pytest.raises(ConfigError, match="scatterers"):
+        plan_scene(dataclasses.replace(BARE, duration_s=100_000.0))
+
+
+def test_saturated_sweeps_are_flagged():
+    loud = dataclasses.replace(BARE, effects=(sim.Gain(factor=100.0), sim.Saturation(), sim.Quantisation()))
+    series = sim.simulate(loud).sensors[0]
+    assert series.sweeps.dtype == np.uint16
+    assert series.sweeps.max() <= 65535
+    assert (series.flags == SweepFlag.SATURATED).all()
+    assert (series.sweeps % 8 == 0).all()
+
+
+def test_thinning_keeps_the_bins_that_the_labs_program_keeps():
+    native = dataclasses.replace(BARE, radar=sim.Radar(bin_m=0.000484, bins=1446))
+    whole, thin = (
+        rendered(native).sweeps,
+        sim.simulate(dataclasses.replace(native, effects=(sim.Thinning(),))).sensors[0],
+    )
+    assert_allclose(thin.sweeps, whole[:, 1446 * np.arange(128) // 128], rtol=1e-4, atol=0.05)
+    assert_allclose(thin.range_m, 0.099768 + 0.000484 * 1446 / 128 * np.arange(128))
+
+
+def test_running_average_is_the_recursion_across_blocks():
+    scene = dataclasses.replace(BARE, duration_s=6.0, motion=sim.CarMotion(0.5))
+    factor = 0.7
+    plain = np.float64(rendered(scene).sweeps)
+    wanted = [plain[0]]
+    for sweep in plain[1:]:
+        wanted.append(factor * wanted[-1] + (1 - factor) * sweep)
+    smoothed = rendered(dataclasses.replace(scene, effects=(sim.RunningAverage(factor),))).sweeps
+    assert_allclose(smoothed, wanted, rtol=1e-4, atol=1e-3 * plain.max())
