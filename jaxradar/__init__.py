@@ -33,7 +33,8 @@ Physics:
 
 Drives and figures:
 
-- `demo_drive`: a synthetic drive over a step, made after a `DemoScene`.
+- `simulate`: drive through a scene, `load_scene` gives one by name or from a TOML file; the rest is in `jaxradar.sim`.
+- `demo_drive`: a small synthetic drive over a step, made after a `DemoScene`.
 - `plot_drive`, `plot_sweeps`: figures of a series and of what was found in it.
 
 What a user can get wrong is said in one sentence:
@@ -57,7 +58,7 @@ if TYPE_CHECKING:
     from jaxradar.labels import propose_steps
     from jaxradar.logs import find_logs, read_log, write_log
     from jaxradar.plots import plot_drive, plot_sweeps
-    from jaxradar.sim import DemoScene, demo_drive
+    from jaxradar.sim import DemoScene, demo_drive, load_scene, simulate
     from jaxradar.systems.step import (
         DetectorFile,
         RangeAxis,
@@ -100,11 +101,13 @@ __all__ = [
     "free_space_loss",
     "friis_power_ratio",
     "load_detector",
+    "load_scene",
     "match_steps",
     "plot_drive",
     "plot_sweeps",
     "propose_steps",
     "read_log",
+    "simulate",
     "summarise",
     "thin",
     "time_steps",
@@ -118,7 +121,7 @@ _HOMES = {
     "labels": "propose_steps",
     "logs": "find_logs read_log write_log",
     "plots": "plot_drive plot_sweeps",
-    "sim": "DemoScene demo_drive",
+    "sim": "DemoScene demo_drive load_scene simulate",
     "units": "free_space_loss friis_power_ratio",
     "systems.step": "DetectorFile RangeAxis StepEvent StepTrace detect detect_batch dump_detector load_detector"
     " thin time_steps",

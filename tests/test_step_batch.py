@@ -121,6 +121,8 @@ def assert_same(
 SIZES = [(1, 331, 128), (3, 64, 127), (130, 7, 16), (3, 2, 2), (3, 1, 200)]
 WHOLE = ("thesis", "lab-live", "few cells", "soft-argmax")
 CASES = [(name, *size) for name in DETECTORS for size in (SIZES if name in WHOLE else [(3, 64, 127), (3, 2, 2)])]
+# `default` compiles for ten seconds; "few cells" is the same with less to compile.
+CASES = [pytest.param(*case, marks=pytest.mark.long) if case[0] == "default" else case for case in CASES]
 
 
 @pytest.mark.parametrize(("name", "logs", "sweeps", "bins"), CASES)
@@ -221,7 +223,7 @@ def test_shapes_that_make_no_batch_are_named() -> None:
         detect_batch(DETECTORS["thesis"], axis_of(17), counts, flags, dt, lengths)
 
 
-@pytest.mark.parametrize("name", ["thesis", "lab-live", "default", *PEAKS])
+@pytest.mark.parametrize("name", ["thesis", "lab-live", pytest.param("default", marks=pytest.mark.long), *PEAKS])
 def test_both_forms_of_reduction_give_the_same_events(name: str) -> None:
     detector, inputs, axis = DETECTORS[name], batch(3, 64, 128, seed=5), axis_of(128)
     decisions = []

@@ -46,8 +46,11 @@ REFUSED = {
     "unknown key": (HEAD + "evidense = 0.1\n", "unknown key `evidense` (did you mean `evidence`?)"),
     "another detector's key": (HEAD + "threshold_m_s = 0.1\n", "unknown key `threshold_m_s`"),
     "out of bounds": (HEAD + "evidence = 1.5\n", "`DefaultDetector(evidence=...)` must be between 0.0 and 1.0"),
-    "not a number": (HEAD + 'evidence = "0.1"\n', "`evidence` must be a number; got '0.1'"),
-    "a truth for a number": (HEAD + "evidence = true\n", "`evidence` must be a number; got True"),
+    "not a number": (HEAD + 'evidence = "0.1"\n', "`evidence` in the detector `default` must be a number; got '0.1'"),
+    "a truth for a number": (
+        HEAD + "evidence = true\n",
+        "`evidence` in the detector `default` must be a number; got True",
+    ),
     "nan": (HEAD + "evidence = nan\n", "must be between 0.0 and 1.0; got nan"),
     "not TOML": ("format = \n", "expected a TOML file: Invalid value (at line 1"),
     "mounting's key": (HEAD + "[mounting]\nhight_m = 1\n", "unknown key `hight_m` (did you mean `height_m`?)"),

@@ -132,6 +132,7 @@ def test_a_day_of_times_loses_nothing() -> None:
             assert got.events[0].time_s == pytest.approx(offset_s + 0.3, abs=1e-6)
 
 
+@pytest.mark.long  # as is the same on all recordings
 @pytest.mark.parametrize("name", [name for name, kind in DETECTORS.items() if not kind.float64])
 def test_float64_and_float32_agree_on_every_event(name: str) -> None:
     decisions = []

@@ -95,7 +95,7 @@ def _write(scene: RoadScene, name: str, folder: Path, args: argparse.Namespace) 
     from rich.progress import track
 
     from jaxradar.logs import write_log
-    from jaxradar.sim.simulate import drive_seeds, simulate
+    from jaxradar.sim.drives import drive_seeds, simulate
 
     digits = max(3, len(str(args.number - 1)))
     suffix = ".drive" if args.form == "drive" else ""

@@ -5,6 +5,7 @@ A scene says what there is: a radar on a mount, a road, a surface, a car in moti
 """
 
 from jaxradar.sim.demo import DemoScene, demo_drive
+from jaxradar.sim.drives import simulate, simulate_batch
 from jaxradar.sim.effects import (
     EFFECTS,
     CpuClock,
@@ -45,7 +46,6 @@ from jaxradar.sim.road.elements import (
 from jaxradar.sim.road.roughness import Roughness
 from jaxradar.sim.road.scene import Mount, RoadScene
 from jaxradar.sim.scene import Effect
-from jaxradar.sim.simulate import simulate, simulate_batch
 from jaxradar.sim.surface import SURFACES, Surface
 from jaxradar.sim.vehicle import HalfCar, QuarterCar, Vehicle
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxradar._numerics import angle_of, cosine_sine
-from jaxradar._types import Value
+from jaxradar._types import Setting, Value
 from jaxradar.sim.corner import Wall, corner_area, corner_share, lit_share
 from jaxradar.sim.ground import Points as GroundPoints
 from jaxradar.sim.radar import Echoes, Radar, reach_of
@@ -152,7 +152,7 @@ def _window(radar: Radar, reach: Points) -> Points:
     return into**2 * (3.0 - 2.0 * into) * out**2 * (3.0 - 2.0 * out)
 
 
-def to_echoes(radar: Radar, paths: Paths, sweep_s_per_m: Value | None = None) -> Echoes:
+def to_echoes(radar: Radar, paths: Paths, sweep_s_per_m: Setting | None = None) -> Echoes:
     """With the phase that the way there and back gives, −4π r/λ.
 
     `sweep_s_per_m`: how much later a bin is sampled for each metre that it lies further out. An echo whose range
@@ -163,8 +163,9 @@ def to_echoes(radar: Radar, paths: Paths, sweep_s_per_m: Value | None = None) ->
     reach, slope = paths.range_m, None
     if sweep_s_per_m is not None:
         assert paths.rate_m_s is not None
-        reach = reach + paths.rate_m_s * sweep_s_per_m * (reach - radar.start_m)
-        slope = -2.0 * math.pi * per_m * paths.rate_m_s * sweep_s_per_m
+        walk = paths.rate_m_s * jnp.asarray(sweep_s_per_m, dtype)
+        reach = reach + walk * (reach - radar.start_m)
+        slope = -2.0 * math.pi * per_m * walk
     cosine, sine = cosine_sine(reach * per_m)
     cos, sin = paths.amplitude * cosine, -paths.amplitude * sine
     return Echoes(reach, cos * paths.real - sin * paths.imag, cos * paths.imag + sin * paths.real, slope)

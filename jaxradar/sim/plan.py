@@ -10,6 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxradar._errors import ConfigError
+from jaxradar.signal.pulses import SIGMA_PER_FWHM
+from jaxradar.sim.effects import RangeWalk
 from jaxradar.sim.motion import along
 from jaxradar.sim.radar import TOGETHER, reach_of
 from jaxradar.sim.road.scene import RoadScene
@@ -19,7 +21,8 @@ __all__ = ["Plan", "plan_scene"]
 FINE_S = 0.0005  # between two moments at which the car's motion is worked out
 BLOCK = 256  # sweeps that are made side by side
 MOST_POINTS = 20_000_000
-MOST_NODES = 4096
+MOST_CLIMB_M_S = 1.0  # of the sensor on its springs, as far as range walk is concerned
+BAND = 3.5  # the pulse's band ends at so many over σ
 
 
 @dataclass(frozen=True)
@@ -67,8 +70,8 @@ def plan_scene(scene: RoadScene) -> Plan:
     times = np.linspace(start_s, stop_s, 512)
     batched = any(np.ndim(leaf) for leaf in jax.tree.leaves(scene.motion))
     with jax.enable_x64(True):
-        way = lambda motion: along(motion, jnp.asarray(times)).path_m  # noqa: E731
-        path_m = np.asarray((jax.vmap(way) if batched else way)(scene.motion))
+        way = lambda motion: along(motion, jnp.asarray(times))[:2]  # noqa: E731
+        path_m, speed_m_s = (np.asarray(one) for one in (jax.vmap(way) if batched else way)(scene.motion))
     nearest, farthest = float(path_m.min()), float(path_m.max())
     # Ahead as far as the range window and a pulse reach, behind as far as the beam does (30° past the vertical).
     end_m = radar.start_m + radar.bins * radar.bin_m + 1.25 * reach_of(widest(radar.fwhm_m))
@@ -93,5 +96,18 @@ def plan_scene(scene: RoadScene) -> Plan:
         fine_start_s=start_s,
         fine_steps=math.ceil((stop_s - start_s) / FINE_S) + 1,
         fwhm_m=fwhm,
-        widening=1.0,
+        widening=_widening(scene, fwhm, float(np.abs(speed_m_s).max())),
     )
+
+
+def _widening(scene: RoadScene, fwhm_m: float, speed_m_s: float) -> float:
+    """How many times wider the field's band is than the pulse's: bins that are sampled one after the other turn the
+    phase of what closes in, 4π v/λ for each second, and so shift its band."""
+    turn_rad_m = 0.0
+    for effect in scene.effects:
+        if isinstance(effect, RangeWalk):
+            shortest = float(np.min(scene.radar.wavelength_m))
+            later = float(np.max(effect.later(scene.radar)))
+            turn_rad_m = 4.0 * math.pi / shortest * later * (speed_m_s + MOST_CLIMB_M_S)
+    # In steps, so that scenes of nearly one speed share a program.
+    return 1.0 + 0.25 * math.ceil(4.0 * turn_rad_m * SIGMA_PER_FWHM * fwhm_m / BAND)
