@@ -62,6 +62,7 @@ def test_drives_are_the_same_bytes_for_the_same_seed(
     assert len((tmp_path / "found.json").read_text().splitlines()) >= 2
 
 
+@pytest.mark.long
 def test_binary_drives_hold_the_same(scene: str, tmp_path: Path) -> None:
     assert main(["simulate", scene, "-o", str(tmp_path), "--form", "drive"]) == 0
     assert main(["simulate", scene, "-o", str(tmp_path)]) == 0

@@ -172,6 +172,7 @@ def test_gradient_of_the_temperature_agrees_with_central_differences() -> None:
         assert float(slope) == pytest.approx(float(position(0.1 + 1e-6) - position(0.1 - 1e-6)) / 2e-6, rel=1e-6)
 
 
+@pytest.mark.long
 def test_wide_parabola_beats_three_points_on_rough_bins() -> None:
     generator = np.random.default_rng(1)
     sweeps = np.stack([echo(40.3) for _ in range(400)]) + generator.normal(0, 100, (400, BINS))

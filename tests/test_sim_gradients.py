@@ -61,10 +61,8 @@ def check(scene, names=tuple(WHERE)):
             assert best < 1e-4, (name, float(found[place]), wanted)
 
 
-LONG = pytest.mark.long
-
-
-@pytest.mark.parametrize("road", [road if road == "step" else pytest.param(road, marks=LONG) for road in ROADS])
+@pytest.mark.long
+@pytest.mark.parametrize("road", ROADS)
 def test_gradients_over_every_element(road):
     check(sim.RoadScene(duration_s=0.03, road=ROADS[road], effects=(NOISE,)))
 

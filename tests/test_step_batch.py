@@ -146,7 +146,7 @@ def test_a_batch_without_gaps_is_each_log_by_itself(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["thesis", "lab-live", "few cells", "soft-argmax"])
-@pytest.mark.parametrize("gaps", [True, False])
+@pytest.mark.parametrize("gaps", [pytest.param(True, marks=pytest.mark.long), False])
 def test_blocks_and_what_is_left_of_them(name: str, gaps: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks of 2 logs or of 5 sweeps, of 7 logs of 23 sweeps: neither divides."""
     detector, inputs, axis = DETECTORS[name], batch(7, 23, 127, gaps=gaps, seed=1), axis_of(127)

@@ -151,6 +151,7 @@ def test_detectors_for_double_precision_refuse_single(name: str) -> None:
         run_batch(DETECTORS[name](), AXIS, *batch(64, 0))
 
 
+@pytest.mark.long
 def test_gradient_through_a_whole_log_agrees_with_central_differences() -> None:
     """Of ranges and statistics, with respect to a setting and to amplitudes, where they move them smoothly."""
     log = over_a_step(count=40, at=20)
