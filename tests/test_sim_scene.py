@@ -63,6 +63,7 @@ def test_a_sweep_is_the_coherent_sum_of_the_formulas(number):
     assert np.abs(rendered(BARE).sweeps[number] - wanted).max() < 5e-3 * wanted.max()
 
 
+@pytest.mark.long
 def test_speckle_is_tied_to_the_ground():
     # Eight sweeps at 1 m/s and four at 2 m/s end at the same place, and must show the same.
     slow = dataclasses.replace(BARE, motion=sim.CarMotion(1.0))
@@ -121,6 +122,7 @@ def test_an_effect_does_not_change_the_draws_of_the_others(name):
         assert_array_equal(found.sweeps, alone.sweeps)
 
 
+@pytest.mark.long
 def test_two_effects_of_a_class_have_their_own_draws():
     bursts = sim.Interference(share=1.0)
     one = rendered(dataclasses.replace(BARE, surface=None, effects=(bursts,))).sweeps
@@ -160,6 +162,7 @@ def test_a_step_of_no_height_is_no_step():
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("speed", "at"), [(0.0, -0.15), pytest.param(0.0, 0.3, marks=pytest.mark.long), (-3.0, 0.0)])
 def test_a_step_at_the_start_standing_and_in_reverse(speed, at):
     scene = dataclasses.replace(STEPPED, road=(sim.StepUp(at_m=at),), motion=sim.CarMotion(speed))
@@ -189,6 +192,7 @@ def test_an_empty_scene_is_silent_and_no_noise_is_none():
     assert rendered(dataclasses.replace(BARE, duration_s=0.0)).sweeps.shape == (1, 128)
 
 
+@pytest.mark.long
 def test_a_pulse_narrower_than_a_bin():
     sharp = dataclasses.replace(BARE, radar=sim.Radar(fwhm_m=0.004), spacing_m=0.002)
     assert np.isfinite(rendered(sharp).sweeps).all()
@@ -212,6 +216,7 @@ def test_saturated_sweeps_are_flagged():
     assert (series.sweeps % 8 == 0).all()
 
 
+@pytest.mark.long
 def test_thinning_keeps_the_bins_that_the_labs_program_keeps():
     native = dataclasses.replace(BARE, radar=sim.Radar(bin_m=0.000484, bins=1446))
     whole, thin = (
@@ -222,6 +227,7 @@ def test_thinning_keeps_the_bins_that_the_labs_program_keeps():
     assert_allclose(thin.range_m, 0.099768 + 0.000484 * 1446 / 128 * np.arange(128))
 
 
+@pytest.mark.long
 def test_running_average_is_the_recursion_across_blocks():
     scene = dataclasses.replace(BARE, duration_s=6.0, motion=sim.CarMotion(0.5))
     factor = 0.7

@@ -50,7 +50,9 @@ def quarter_by_scipy(car, road, times):
     return body, -(ks * (body - wheel) + cs * (body_v - wheel_v)) / ms
 
 
-@pytest.mark.parametrize("height", [0.01, 0.04, 0.06])
+@pytest.mark.parametrize(
+    "height", [pytest.param(0.01, marks=pytest.mark.long), 0.04, pytest.param(0.06, marks=pytest.mark.long)]
+)
 def test_quarter_car_agrees_with_an_independent_integration(height):
     car, speed, radius = QuarterCar(), 30 / 3.6, 0.2
     times = np.arange(0, 0.8, STEP)
@@ -71,6 +73,7 @@ def test_quarter_car_agrees_with_an_independent_integration(height):
     assert_allclose(np.gradient(np.asarray(found.rise_m), STEP)[5:-5], found.rise_m_s[5:-5], atol=2e-3)
 
 
+@pytest.mark.long
 def test_a_half_car_whose_axles_do_not_mind_each_other_is_two_quarter_cars():
     # With an inertia of m a b the two ends of the body are free of each other.
     quarter = QuarterCar()
@@ -84,6 +87,7 @@ def test_a_half_car_whose_axles_do_not_mind_each_other_is_two_quarter_cars():
     assert_allclose(two.wheel_m_s2, one.wheel_m_s2, atol=1e-5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("car", [QuarterCar(), HalfCar()], ids=lambda car: car.name)
 def test_pulling_away_lifts_the_nose(car):
     times = np.arange(0, 4.0, STEP)
@@ -115,6 +119,7 @@ def test_a_tyre_touches_an_edge_before_its_axle_is_there():
     assert contact_m(0.5, 0.2) == pytest.approx(0.2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "element",
     [
