@@ -29,8 +29,8 @@ _COSINE = _fitted(np.cos, [0, 2, 4, 6, 8, 10])
 def cosine_sine(turns: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
     """Cosine and sine of an angle in whole turns.
 
-    In float32 by polynomials, 2e-7 off, at a sixth of the time of `jnp.cos` and `jnp.sin` on a CPU; in float64 by
-    these. Whole turns are taken away first, so that large angles keep their digits.
+    In float32 by polynomials, at most 4e-7 off, at a sixth of the time of `jnp.cos` and `jnp.sin` on a CPU; in float64
+    by these. Whole turns are taken away first, so that large angles keep their digits.
     """
     if turns.dtype != jnp.float32:
         angle = 2.0 * math.pi * (turns - jnp.round(turns))

@@ -15,7 +15,7 @@ from jaxradar._numerics import compiled
 from jaxradar.drive import NANOSECONDS, Channel, Drive, Motion, Mounting, RoadStep, SensorSeries, SweepFlag, Truth
 from jaxradar.sim.effects import Thinning
 from jaxradar.sim.motion import along, bend
-from jaxradar.sim.plan import FINE_S, Plan, plan_scene
+from jaxradar.sim.plan import FINE_S, FINE_START_S, Plan, plan_scene
 from jaxradar.sim.radar import range_axis
 from jaxradar.sim.render import render
 from jaxradar.sim.road.scene import RoadScene
@@ -127,12 +127,12 @@ def _motion(scene: RoadScene, found: Any, taken_s: np.ndarray, times_ns: np.ndar
 
 
 def _fine_times(held: Any) -> np.ndarray:
-    return -0.1 + FINE_S * np.arange(len(held.body_m_s2))
+    return FINE_START_S + FINE_S * np.arange(len(held.body_m_s2))
 
 
 def _steps(plan: Plan, scene: RoadScene, found: Any, begin_s: float) -> tuple[RoadStep, ...]:
     """Every element that the front wheels touch while the drive lasts, and when each wheel does."""
-    fine_s = -0.1 + FINE_S * np.arange(plan.fine_steps)
+    fine_s = FINE_START_S + FINE_S * np.arange(plan.fine_steps)
     path = np.asarray(along(scene.motion, jnp.asarray(fine_s)).path_m)
     mount, vehicle = scene.mount, scene.vehicle
     radius = 0.2 if vehicle is None else float(vehicle.tyre_radius_m)

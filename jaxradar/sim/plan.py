@@ -19,6 +19,7 @@ from jaxradar.sim.road.scene import RoadScene
 __all__ = ["Plan", "plan_scene"]
 
 FINE_S = 0.0005  # between two moments at which the car's motion is worked out
+FINE_START_S = -0.1  # before the first sweep, so that one taken early has a moment on either side
 BLOCK = 256  # sweeps that are made side by side
 MOST_POINTS = 20_000_000
 MOST_CLIMB_M_S = 1.0  # of the sensor on its springs, as far as range walk is concerned
@@ -32,7 +33,7 @@ class Plan:
     - `sweeps`, `block`: of the drive, and how many are made side by side.
     - `first_point`, `points`: which points of the ground there are, 0 being at the sensor's foot at the start.
     - `behind_m`, `visible`: how far behind the sensor's foot the visible points begin, and how many there are.
-    - `fine_steps`: moments at which the motion is worked out, `FINE_S` apart, from `fine_start_s` on.
+    - `fine_steps`: moments at which the motion is worked out, `FINE_S` apart, from `FINE_START_S` on.
     - `fwhm_m`: the pulse that nodes were laid for; `widening`: how many times wider the band may become.
     """
 
@@ -42,7 +43,6 @@ class Plan:
     points: int
     behind_m: float
     visible: int
-    fine_start_s: float
     fine_steps: int
     fwhm_m: float
     widening: float
@@ -66,7 +66,7 @@ def plan_scene(scene: RoadScene) -> Plan:
     sweeps = max(1, round(scene.duration_s * radar.rate_hz))
     fwhm = least(radar.fwhm_m)
     # The car's way, looked at often enough.
-    start_s, stop_s = -0.1, scene.duration_s + 0.5
+    start_s, stop_s = FINE_START_S, scene.duration_s + 0.5
     times = np.linspace(start_s, stop_s, 512)
     batched = any(np.ndim(leaf) for leaf in jax.tree.leaves(scene.motion))
     with jax.enable_x64(True):
@@ -93,7 +93,6 @@ def plan_scene(scene: RoadScene) -> Plan:
         points=points,
         behind_m=behind_m,
         visible=visible,
-        fine_start_s=start_s,
         fine_steps=math.ceil((stop_s - start_s) / FINE_S) + 1,
         fwhm_m=fwhm,
         widening=_widening(scene, fwhm, float(np.abs(speed_m_s).max())),

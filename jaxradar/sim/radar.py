@@ -25,7 +25,6 @@ from jaxradar.signal.pulses import SIGMA_PER_FWHM
 from jaxradar.units import WAVELENGTH_60_GHZ_M
 
 __all__ = [
-    "A111_BIN_M",
     "Echoes",
     "Field",
     "Radar",
@@ -38,26 +37,16 @@ __all__ = [
     "reach_of",
 ]
 
-A111_BIN_M = 0.000484  # the maker's documentation of the envelope service
 NODE_SPACING = 0.9  # in standard deviations σ of the pulse: 1.1e-4 of an echo's peak is the largest error of the series
 REACH = 3.5  # in σ: an echo so far beyond the range window still shows in it, with 0.3 % of its amplitude
 MARGIN = 6.3  # in σ: how far beyond the window nodes are laid
 SHARPNESS = 16  # the power that makes a parabola nearly a Gaussian
 TOGETHER = 28  # echoes that are added in one pass over the nodes
-PULSES = {
-    # profile: width of the envelope at half its height in metres (the maker's handbook of the A121; that of the A111
-    # gives none, 0.06 for profile 2 fits the recordings at 0°), gain in SNR over profile 1 in dB (maker's
-    # documentation of the A111).
-    1: (0.04, 0.0),
-    2: (0.06, 7.0),
-    3: (0.14, 11.0),
-    4: (0.19, 13.0),
-    5: (0.32, 16.0),
-}
 
 
 class Radar(Settings):
-    """The sensor as it is set. Defaults: an A111, profile 2, thinned as the thesis's program records it (table C.1).
+    """The sensor as it is set. Defaults: an A111 thinned as the thesis's program records it (table C.1); the width of
+    an echo and the gain are assumed.
 
     The beam's half-power widths, one way, are the maker's (55° in the E-plane, here the vertical one, and 80°). The
     amplitude of an echo falls as r^−exponent: 2 is the radar equation's for a point (power as r⁻⁴).

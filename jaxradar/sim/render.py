@@ -23,7 +23,7 @@ from jaxradar.sim.corner import Wall
 from jaxradar.sim.echoes import Paths, Pose, corner_paths, ground_paths, to_echoes
 from jaxradar.sim.ground import lay_points, road_height, visible_points
 from jaxradar.sim.motion import along, bend
-from jaxradar.sim.plan import FINE_S, Plan
+from jaxradar.sim.plan import FINE_S, FINE_START_S, Plan
 from jaxradar.sim.radar import Field, Radar, envelope, field_of, nodes_of, range_axis
 from jaxradar.sim.road.elements import Face, RoadElement, beyond_edge
 from jaxradar.sim.road.roughness import RoughnessTable, rough_table
@@ -69,7 +69,7 @@ def render(plan: Plan, scene: RoadScene, key: PRNGKeyArray, dtype: Any = jnp.flo
 
     averages = list(of_stage(scene.effects, "average", key))
     if averages:
-        average: Any = averages[0][0]
+        average = averages[0][0]
         first = jax.vmap(one)(numbers[0, :1])[0]
 
         def step(last: Array, block: Array) -> tuple[Array, tuple[Array, Array]]:
@@ -141,7 +141,7 @@ def _driven(plan: Plan, scene: RoadScene, rough: RoughnessTable | None) -> Ride:
     """The ride over the road that the radar sees, front and rear, left and right wheels each on its own track."""
     vehicle = scene.vehicle
     assert vehicle is not None
-    times = plan.fine_start_s + FINE_S * jnp.arange(plan.fine_steps)
+    times = FINE_START_S + FINE_S * jnp.arange(plan.fine_steps)
     course = along(scene.motion, times)
     height = partial(road_height, scene.road, rough)
     tracks = []
@@ -159,7 +159,7 @@ def _pose(scene: RoadScene, times_s: Array, speed_m_s: Array, driven: Ride | Non
     flat = jnp.zeros_like(times_s)
     rise, climb, pitch, roll, turn = flat, flat, flat, None, None
     if driven is not None:
-        place = (times_s - _FINE_START) / FINE_S
+        place = (times_s - FINE_START_S) / FINE_S
         whole = jnp.clip(jnp.floor(jax.lax.stop_gradient(place)).astype(jnp.int32), 0, len(driven.rise_m) - 2)
         share = place - whole
         at = lambda values: values[whole] + share * (values[whole + 1] - values[whole])  # noqa: E731
@@ -175,9 +175,6 @@ def _pose(scene: RoadScene, times_s: Array, speed_m_s: Array, driven: Ride | Non
     height = jnp.asarray(mount.height_m) + rise
     lateral = jnp.broadcast_to(jnp.asarray(mount.lateral_m), times_s.shape)
     return Pose(flat, height, down, roll, turn, lateral, speed_m_s, climb)
-
-
-_FINE_START = -0.1
 
 
 def _walls(scene: RoadScene, rough: RoughnessTable | None, path_m: Array, pose: Pose) -> tuple[Wall, ...]:
@@ -210,7 +207,7 @@ def _one_sweep(plan: Plan, scene: RoadScene, ready: _Ready, key: PRNGKeyArray, d
     field = Field(jnp.zeros(len(range_m), dtype), jnp.zeros(len(range_m), dtype))
     if ready.surface is not None:
         assert ready.ground is not None
-        walks: list[Any] = [effect for effect, _ in of_stage(scene.effects, "walk", key)]
+        walks = [effect for effect, _ in of_stage(scene.effects, "walk", key)]
         paths = _paths(plan, scene, ready, dtype, number, pose, walls, bool(walks))
         paths = through(scene.effects, "paths", paths, context, key, number)
         later = walks[0].later(radar) if walks else None

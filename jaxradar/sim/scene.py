@@ -23,7 +23,10 @@ Value = TypeVar("Value")
 
 
 class Effect(Settings):
-    """One thing that a scene may call for; calling it gives what its stage holds, changed.
+    """One thing that a scene may call for.
+
+    What it does is its stage's to say: most are called with what the stage holds, what is known beside it, and a random
+    key, and give the same changed; a running average, a limit and range walk have forms of their own.
 
     - `name`: what scene files and tables call it.
     - `stage`: which part of the simulation it changes.
@@ -38,17 +41,13 @@ class Effect(Settings):
     smooth: ClassVar[bool] = True
     alone: ClassVar[bool] = True
 
-    def __call__(self, value: Any, context: Any, key: PRNGKeyArray) -> Any:
-        """`value` as it is with this effect. `context`: what the stage knows beside it."""
-        raise NotImplementedError
-
 
 def named_stream(key: PRNGKeyArray, name: str, index: int = 0) -> PRNGKeyArray:
     """The key of a part of a simulation: it depends on its name alone, not on what else there is."""
     return jax.random.fold_in(jax.random.fold_in(key, zlib.crc32(name.encode()) & 0x7FFFFFFF), index)
 
 
-def of_stage(effects: Sequence[Effect], stage: str, key: PRNGKeyArray) -> Iterator[tuple[Effect, PRNGKeyArray]]:
+def of_stage(effects: Sequence[Effect], stage: str, key: PRNGKeyArray) -> Iterator[tuple[Any, PRNGKeyArray]]:
     """The effects of one stage in the scene's order, each with its own stream."""
     seen: dict[type[Effect], int] = {}
     for effect in effects:

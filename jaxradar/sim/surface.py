@@ -63,8 +63,8 @@ def coherent_share(surface: Surface, cosine: Float[Array, "*points"], wavelength
     return jnp.exp(-0.5 * (4.0 * math.pi * rms_m * cosine / jnp.asarray(wavelength_m, dtype)) ** 2)
 
 
-# Fitted to recordings at 0 and 45° (`scripts/simulated_and_recorded.py` does it); the permittivity of a wet road is
-# that of a film of water at 60 GHz as one real number.
+# Assumed, not fitted: smoother surfaces have smaller slopes and less grain. The permittivity of a wet road lies between
+# concrete's and that of a film of water (see `WaterFilm`).
 SURFACES: dict[str, Surface] = {
     "asphalt": Surface(),
     "wet-asphalt": Surface(permittivity=20.0, slope=0.3, grain_db=-20.0, rms_mm=0.3),

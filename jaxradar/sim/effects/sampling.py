@@ -60,7 +60,7 @@ class RunningAverage(Effect):
 
     factor: Setting = setting(0.7, 0.0, 0.999, "", "share of what was before")
 
-    def __call__(  # type: ignore[override]
+    def __call__(
         self, last: Float[Array, " bins"], sweeps: Float[Array, "sweeps bins"]
     ) -> tuple[Float[Array, " bins"], Float[Array, "sweeps bins"]]:
         """What a block of sweeps becomes after the smoothed sweep before it; also the last of them."""

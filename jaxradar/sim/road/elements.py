@@ -66,11 +66,6 @@ class RoadElement(Settings):
     def step_m(self) -> Setting:
         """What truth calls its height, positive upwards."""
 
-    @property
-    @abc.abstractmethod
-    def length_m(self) -> float:
-        """How far beyond its edge the road is another one than before and after, as far as it is known."""
-
 
 def beyond_edge(element: RoadElement, x_m: Heights, y_m: Heights) -> Heights:
     """Distance across the edge from it to points of the road, positive beyond it."""
@@ -96,10 +91,6 @@ class StepUp(RoadElement):
     def step_m(self) -> Setting:
         return self.height_m
 
-    @property
-    def length_m(self) -> float:
-        return 0.0
-
 
 class StepDown(RoadElement):
     """The road goes on lower."""
@@ -117,10 +108,6 @@ class StepDown(RoadElement):
     @property
     def step_m(self) -> Setting:
         return -self.height_m
-
-    @property
-    def length_m(self) -> float:
-        return 0.0
 
 
 class Kerb(StepUp):
@@ -154,10 +141,6 @@ class SinusoidalHump(RoadElement):
     def step_m(self) -> Setting:
         return self.height_m
 
-    @property
-    def length_m(self) -> float:
-        return float(self.along_m)
-
 
 class FlatTopHump(RoadElement):
     """Two straight ramps and a level between them: ramps of 1 in 13, 75 mm high, 6 m long on top (Department for
@@ -179,10 +162,6 @@ class FlatTopHump(RoadElement):
     def step_m(self) -> Setting:
         return self.height_m
 
-    @property
-    def length_m(self) -> float:
-        return float(2 * self.ramp_m + self.top_m)
-
 
 class Pothole(RoadElement):
     """A trough across the path with two walls."""
@@ -202,10 +181,6 @@ class Pothole(RoadElement):
     @property
     def step_m(self) -> Setting:
         return -self.depth_m
-
-    @property
-    def length_m(self) -> float:
-        return float(self.along_m)
 
 
 def _face(at_m: Setting, height_m: Setting, rises: bool, lean_deg: Setting = 0.0) -> Face:
