@@ -95,16 +95,19 @@ def _write(scene: RoadScene, name: str, folder: Path, args: argparse.Namespace) 
     from rich.progress import track
 
     from jaxradar.logs import write_log
-    from jaxradar.sim.drives import drive_seeds, simulate
+    from jaxradar.sim.drives import drive_seeds, simulate_each
 
     digits = max(3, len(str(args.number - 1)))
     suffix = ".drive" if args.form == "drive" else ""
     notes: set[str] = set()
     quiet = args.number == 1 or not sys.stderr.isatty()
-    seeds = drive_seeds(args.seed, args.number)
-    for place, seed in enumerate(track(seeds, "drives", console=console(sys.stderr), transient=True, disable=quiet)):
+    drives = simulate_each(scene, drive_seeds(args.seed, args.number))
+    shown_drives = track(
+        drives, "drives", total=args.number, console=console(sys.stderr), transient=True, disable=quiet
+    )
+    for place, drive in enumerate(shown_drives):
         target = folder / f"{name}-{place:0{digits}}{suffix}"
-        notes.update(write_log(simulate(scene, seed), target, overwrite=args.overwrite))
+        notes.update(write_log(drive, target, overwrite=args.overwrite))
     for note in sorted(notes):
         print(f"jaxradar: {shown(folder)}: {shown(note)}", file=sys.stderr)
     print(f"{args.number} drive{'' if args.number == 1 else 's'} in {shown(folder)}")

@@ -8,6 +8,7 @@ from jaxradar.sim.demo import DemoScene, demo_drive
 from jaxradar.sim.drives import simulate, simulate_batch
 from jaxradar.sim.effects import (
     EFFECTS,
+    Accelerometer,
     CpuClock,
     DirectLeakage,
     DroppedSweeps,
@@ -18,6 +19,7 @@ from jaxradar.sim.effects import (
     Multipath,
     Quantisation,
     Rain,
+    RangeSmoothing,
     RangeWalk,
     ReceiverNoise,
     RunningAverage,
@@ -53,6 +55,7 @@ __all__ = [
     "EFFECTS",
     "ELEMENTS",
     "SURFACES",
+    "Accelerometer",
     "CarMotion",
     "Contribution",
     "CpuClock",
@@ -76,6 +79,7 @@ __all__ = [
     "QuarterCar",
     "Radar",
     "Rain",
+    "RangeSmoothing",
     "RangeWalk",
     "ReceiverNoise",
     "Rendered",

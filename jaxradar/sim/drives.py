@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -21,10 +24,13 @@ from jaxradar.sim.render import render
 from jaxradar.sim.road.scene import RoadScene
 from jaxradar.sim.road.tyre import contact_m
 
-__all__ = ["HARD_M_S2", "drive_seeds", "simulate", "simulate_batch"]
+__all__ = ["HARD_M_S2", "drive_seeds", "simulate", "simulate_batch", "simulate_each"]
+
+Made = TypeVar("Made")
 
 HARD_M_S2 = 15.0  # what the thesis calls a step that matters (section 6.2)
-TOGETHER = 16  # scenes of one structure that are rendered in one call
+TOGETHER = 4  # scenes of one structure that are rendered in one call: more take longer each
+THREADS = min(2, os.cpu_count() or 1)  # at once: what one render leaves idle of the processor, another one uses
 
 _one = compiled(lambda plan, scene, key: render(plan, scene, key), static_argnums=0)
 _many = compiled(lambda plan, scenes, keys: jax.vmap(partial(render, plan))(scenes, keys), static_argnums=0)
@@ -61,16 +67,40 @@ def simulate_batch(scenes: Sequence[RoadScene], seeds: Sequence[int]) -> list[Dr
     for place, scene in enumerate(scenes):
         if jax.tree.structure(scene) != form:
             raise ValueError(f"scene {place} differs from scene 0 in more than the values of its settings.")
-    stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *scenes)
-    plan = plan_scene(stacked)
-    drives = []
-    with jax.enable_x64(True):
-        keys = jax.vmap(jax.random.key)(jnp.asarray(seeds))
-        for low in range(0, len(scenes), TOGETHER):
-            part = slice(low, low + TOGETHER)
-            found = jax.tree.map(np.asarray, _many(plan, _picked(stacked, part), keys[part]))
-            drives += [_drive(plan, scene, _picked(found, place)) for place, scene in enumerate(scenes[part])]
-    return drives
+    plan = plan_scene(jax.tree.map(lambda *leaves: np.stack(leaves), *scenes))
+    size = min(TOGETHER, len(scenes))
+
+    def part(low: int) -> list[Drive]:
+        # The last part is filled up with its last scene, so that all have one program.
+        places = [min(place, len(scenes) - 1) for place in range(low, low + size)]
+        stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *(scenes[place] for place in places))
+        with jax.enable_x64(True):
+            keys = jax.vmap(jax.random.key)(jnp.asarray([seeds[place] for place in places]))
+            found = jax.tree.map(np.asarray, _many(plan, stacked, keys))
+            return [_drive(plan, scene, _picked(found, i)) for i, scene in enumerate(scenes[low : low + size])]
+
+    return [drive for drives in _side_by_side(part, range(0, len(scenes), size)) for drive in drives]
+
+
+def simulate_each(scene: RoadScene, seeds: Iterable[int]) -> Iterator[Drive]:
+    """`simulate` with one seed after the other, a few at once; no more drives are held than that."""
+    yield from _side_by_side(lambda seed: simulate(scene, seed), seeds)
+
+
+def _side_by_side(work: Callable[[int], Made], items: Iterable[int]) -> Iterator[Made]:
+    """Results in order, `THREADS` at once; the first alone, as it compiles."""
+    waiting: deque[Future[Made]] = deque()
+    left = iter(items)
+    with ThreadPoolExecutor(THREADS) as pool:
+        for first in left:
+            yield work(first)
+            break
+        for item in left:
+            waiting.append(pool.submit(work, item))
+            if len(waiting) > THREADS:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
 
 
 def _picked(tree: Any, which: int | slice) -> Any:
@@ -121,8 +151,8 @@ def _motion(scene: RoadScene, found: Any, taken_s: np.ndarray, times_ns: np.ndar
     curve = scene.motion.curve
     yaw = None if curve is None else Channel(times_ns, speed * np.asarray(bend(curve, jnp.asarray(taken_s))))
     body = None
-    if found.ride is not None:
-        body = Channel(times_ns, np.interp(taken_s, _fine_times(found.ride), found.ride.body_m_s2))
+    if found.acceleration_m_s2 is not None:
+        body = Channel(times_ns, found.acceleration_m_s2[found.clock.kept])
     return Motion(acceleration_m_s2=body, yaw_rate_rad_s=yaw, speed_m_s=Channel(times_ns, speed))
 
 

@@ -45,8 +45,9 @@ TOGETHER = 28  # echoes that are added in one pass over the nodes
 
 
 class Radar(Settings):
-    """The sensor as it is set. Defaults: an A111 thinned as the thesis's program records it (table C.1); the width of
-    an echo and the gain are assumed.
+    """The sensor as it is set. Defaults: an A111 thinned as the thesis's program records it (table C.1). The width of an
+    echo and the gain are those of standing recordings (`scripts/compare_recordings.py`: 45 mm, which the sensor's
+    smoothing makes 63; 26 counts for each count of a receiver's noise), the gain at the noise of table C.1.
 
     The beam's half-power widths, one way, are the maker's (55° in the E-plane, here the vertical one, and 80°). The
     amplitude of an echo falls as r^−exponent: 2 is the radar equation's for a point (power as r⁻⁴).
@@ -62,7 +63,7 @@ class Radar(Settings):
     vertical_beam_deg: Setting = setting(55.0, 0.1, 360.0, "°", "half-power width, one way, in the vertical plane")
     lateral_beam_deg: Setting = setting(80.0, 0.1, 360.0, "°", "half-power width, one way, across it")
     exponent: Setting = setting(2.0, 0.0, 8.0, "", "the amplitude of an echo falls as range to this power")
-    gain_counts: Setting = setting(7000.0, 0.0, 1e9, "counts", "amplitude of 1 m² at 1 m in the middle of the beam")
+    gain_counts: Setting = setting(4250.0, 0.0, 1e9, "counts", "amplitude of 1 m² at 1 m in the middle of the beam")
 
 
 class Echoes(NamedTuple):

@@ -37,7 +37,7 @@ __all__ = ["Rendered", "SweepContext", "render"]
 
 
 class SweepContext(NamedTuple):
-    """What an effect may know of the sweep that it changes."""
+    """What an effect may know of the sweep that it changes. `range_m`: where the field is taken."""
 
     radar: Radar
     taken_s: Array
@@ -47,12 +47,14 @@ class SweepContext(NamedTuple):
 
 class Rendered(NamedTuple):
     """A drive as simulated. `sweeps`: float in counts, or uint16 where the scene rounds them; `saturated`: which of
-    them reached full scale; `ride`: the body's motion each `FINE_S`, None for a car without springs."""
+    them reached full scale; `ride`: the body's motion each `FINE_S`, and `acceleration_m_s2`: its vertical acceleration
+    over the front axle as recorded with each sweep, both None for a car without springs."""
 
     clock: Clock
     sweeps: Shaped[Array, "sweeps bins"]
     saturated: Bool[Array, " sweeps"]
     ride: Ride | None
+    acceleration_m_s2: Float[Array, " sweeps"] | None
 
 
 def render(plan: Plan, scene: RoadScene, key: PRNGKeyArray, dtype: Any = jnp.float32) -> Rendered:
@@ -80,7 +82,11 @@ def render(plan: Plan, scene: RoadScene, key: PRNGKeyArray, dtype: Any = jnp.flo
     else:
         sweeps, saturated = jax.lax.map(lambda block: _counted(scene, jax.vmap(one)(block), key), numbers)
     cut = lambda values: values.reshape(blocks * plan.block, *values.shape[2:])[: plan.sweeps]  # noqa: E731
-    return Rendered(ready.clock, cut(sweeps), cut(saturated), ready.ride)
+    acceleration = None
+    if ready.ride is not None:
+        felt = _at(ready.clock.taken_s, ready.ride.body_m_s2)
+        acceleration = through(scene.effects, "acceleration", felt, None, key)
+    return Rendered(ready.clock, cut(sweeps), cut(saturated), ready.ride, acceleration)
 
 
 class _Ready(NamedTuple):
@@ -154,16 +160,20 @@ def _driven(plan: Plan, scene: RoadScene, rough: RoughnessTable | None) -> Ride:
     return ride(vehicle.system(), jnp.stack([*tracks, course.acceleration_m_s2], axis=1), FINE_S)
 
 
+def _at(times_s: Array, values: Array) -> Array:
+    """Of what is worked out each `FINE_S`, its values at other times."""
+    place = (times_s - FINE_START_S) / FINE_S
+    whole = jnp.clip(jnp.floor(jax.lax.stop_gradient(place)).astype(jnp.int32), 0, len(values) - 2)
+    share = place - whole
+    return values[whole] + share * (values[whole + 1] - values[whole])
+
+
 def _pose(scene: RoadScene, times_s: Array, speed_m_s: Array, driven: Ride | None) -> Pose:
     mount = scene.mount
     flat = jnp.zeros_like(times_s)
     rise, climb, pitch, roll, turn = flat, flat, flat, None, None
     if driven is not None:
-        place = (times_s - FINE_START_S) / FINE_S
-        whole = jnp.clip(jnp.floor(jax.lax.stop_gradient(place)).astype(jnp.int32), 0, len(driven.rise_m) - 2)
-        share = place - whole
-        at = lambda values: values[whole] + share * (values[whole + 1] - values[whole])  # noqa: E731
-        rise, climb, pitch = at(driven.rise_m), at(driven.rise_m_s), at(driven.pitch_rad)
+        rise, climb, pitch = (_at(times_s, one) for one in (driven.rise_m, driven.rise_m_s, driven.pitch_rad))
     if scene.motion.curve is not None:
         turn = bend(scene.motion.curve, times_s)
         if scene.vehicle is not None:
@@ -203,6 +213,9 @@ def _one_sweep(plan: Plan, scene: RoadScene, ready: _Ready, key: PRNGKeyArray, d
     range_m = range_axis(radar)
     for effect, _ in of_stage(scene.effects, "axis", key):
         range_m = effect(range_m, None, key)
+    bins_m, smoothing = range_m, [effect for effect, _ in of_stage(scene.effects, "smoothing", key)]
+    for effect in smoothing:
+        range_m = effect.places(bins_m)
     context = SweepContext(radar, ready.clock.taken_s[number], range_m, pose)
     field = Field(jnp.zeros(len(range_m), dtype), jnp.zeros(len(range_m), dtype))
     if ready.surface is not None:
@@ -215,7 +228,7 @@ def _one_sweep(plan: Plan, scene: RoadScene, ready: _Ready, key: PRNGKeyArray, d
         nodes_m, step_m = nodes_of(radar.start_m, float(range_axis(radar)[-1]), plan.fwhm_m, plan.widening)
         field = field_of(echoes, nodes_m, step_m, range_m, radar.fwhm_m)
     field = through(scene.effects, "field", field, context, key, number)
-    return envelope(field)
+    return through(scene.effects, "smoothing", envelope(field), bins_m, key)
 
 
 def _paths(

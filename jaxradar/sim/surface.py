@@ -23,8 +23,8 @@ class Surface(Settings):
     """
 
     permittivity: Setting = setting(5.24, 1.0, 100.0, "", "relative, real part: 5.24 is concrete's (ITU-R P.2040-3)")
-    slope: Setting = setting(0.35, 0.01, 2.0, "", "rms slope of the facets")
-    grain_db: Setting = setting(-18.0, -60.0, 10.0, "dB", "backscatter of the grain at normal incidence")
+    slope: Setting = setting(0.42, 0.01, 2.0, "", "rms slope of the facets")
+    grain_db: Setting = setting(-14.7, -60.0, 10.0, "dB", "backscatter of the grain at normal incidence")
     rms_mm: Setting = setting(0.4, 0.0, 50.0, "mm", "rms height of what is smaller than the pulse")
 
 
@@ -63,12 +63,14 @@ def coherent_share(surface: Surface, cosine: Float[Array, "*points"], wavelength
     return jnp.exp(-0.5 * (4.0 * math.pi * rms_m * cosine / jnp.asarray(wavelength_m, dtype)) ** 2)
 
 
-# Assumed, not fitted: smoother surfaces have smaller slopes and less grain. The permittivity of a wet road lies between
-# concrete's and that of a film of water (see `WaterFilm`).
+# Slope and grain are fitted to standing recordings of such roads (`scripts/compare_recordings.py`; one place each, so
+# good for a factor of 1.5 and 4 dB). Permittivity and roughness are assumed: concrete's for dry mineral roads, for water
+# the real one that reflects as much as 11.9 − 19.5j (see `WaterFilm`), for a wet road one in between.
 SURFACES: dict[str, Surface] = {
     "asphalt": Surface(),
-    "wet-asphalt": Surface(permittivity=20.0, slope=0.3, grain_db=-20.0, rms_mm=0.3),
-    "gravel": Surface(slope=0.5, grain_db=-12.0, rms_mm=3.0),
-    "cement": Surface(slope=0.2, grain_db=-24.0, rms_mm=0.2),
-    "grass": Surface(permittivity=2.0, slope=0.6, grain_db=-14.0, rms_mm=10.0),
+    "wet-asphalt": Surface(permittivity=20.0, slope=0.25, grain_db=-17.5, rms_mm=0.3),
+    "gravel": Surface(slope=0.60, grain_db=-17.4, rms_mm=3.0),
+    "cement": Surface(slope=0.33, grain_db=-17.2, rms_mm=0.2),
+    "grass": Surface(permittivity=2.0, slope=0.34, grain_db=-11.2, rms_mm=10.0),
+    "water": Surface(permittivity=31.0, slope=0.23, grain_db=-17.4, rms_mm=0.2),
 }

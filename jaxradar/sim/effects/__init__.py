@@ -1,14 +1,16 @@
 """Effects that a road scene may call for, each with its defaults and its source."""
 
 from jaxradar.sim.effects.counts import Gain, Quantisation, Saturation
+from jaxradar.sim.effects.motion import Accelerometer
 from jaxradar.sim.effects.propagation import LostEcho, Multipath, Rain, TemperatureDrift, WaterFilm
 from jaxradar.sim.effects.receiver import DirectLeakage, Interference, ReceiverNoise
-from jaxradar.sim.effects.sampling import RangeWalk, RunningAverage, Thinning
+from jaxradar.sim.effects.sampling import RangeSmoothing, RangeWalk, RunningAverage, Thinning
 from jaxradar.sim.effects.timing import CpuClock, DroppedSweeps, LateSweeps, TimeJitter
 from jaxradar.sim.scene import Effect
 
 __all__ = [
     "EFFECTS",
+    "Accelerometer",
     "CpuClock",
     "DirectLeakage",
     "DroppedSweeps",
@@ -19,6 +21,7 @@ __all__ = [
     "Multipath",
     "Quantisation",
     "Rain",
+    "RangeSmoothing",
     "RangeWalk",
     "ReceiverNoise",
     "RunningAverage",
@@ -42,6 +45,7 @@ EFFECTS: dict[str, type[Effect]] = {
         TemperatureDrift,
         RangeWalk,
         Thinning,
+        RangeSmoothing,
         RunningAverage,
         Gain,
         Saturation,
@@ -50,5 +54,6 @@ EFFECTS: dict[str, type[Effect]] = {
         LateSweeps,
         DroppedSweeps,
         CpuClock,
+        Accelerometer,
     )
 }
