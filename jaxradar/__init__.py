@@ -34,7 +34,6 @@ Physics:
 Drives and figures:
 
 - `simulate`: drive through a scene, `load_scene` gives one by name or from a TOML file; the rest is in `jaxradar.sim`.
-- `demo_drive`: a small synthetic drive over a step, made after a `DemoScene`.
 - `plot_drive`, `plot_sweeps`: figures of a series and of what was found in it.
 
 What a user can get wrong is said in one sentence:
@@ -58,7 +57,7 @@ if TYPE_CHECKING:
     from jaxradar.labels import propose_steps
     from jaxradar.logs import find_logs, read_log, write_log
     from jaxradar.plots import plot_drive, plot_sweeps
-    from jaxradar.sim import DemoScene, demo_drive, load_scene, simulate
+    from jaxradar.sim import load_scene, simulate
     from jaxradar.systems.step import (
         DetectorFile,
         RangeAxis,
@@ -76,7 +75,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Channel",
     "ConfigError",
-    "DemoScene",
     "DetectorFile",
     "Drive",
     "JaxradarError",
@@ -93,7 +91,6 @@ __all__ = [
     "Summary",
     "SweepFlag",
     "Truth",
-    "demo_drive",
     "detect",
     "detect_batch",
     "dump_detector",
@@ -121,7 +118,7 @@ _HOMES = {
     "labels": "propose_steps",
     "logs": "find_logs read_log write_log",
     "plots": "plot_drive plot_sweeps",
-    "sim": "DemoScene demo_drive load_scene simulate",
+    "sim": "load_scene simulate",
     "units": "free_space_loss friis_power_ratio",
     "systems.step": "DetectorFile RangeAxis StepEvent StepTrace detect detect_batch dump_detector load_detector"
     " thin time_steps",

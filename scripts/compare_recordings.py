@@ -124,7 +124,7 @@ def recorder(series: SensorSeries, bins_in_one: int = 1) -> sim.Radar:
 
 
 def start_of(recordings: list[Recording]) -> Fit:
-    """Where the fit begins: heights are the range of the strongest echo at normal incidence, .34 m where there is none."""
+    """Where the fit begins; heights: the range of the strongest echo at normal incidence, .34 m without one."""
     surfaces = list(dict.fromkeys(one.surface for one in recordings))
     heights = []
     for surface in surfaces:
@@ -269,9 +269,7 @@ def table(
             among = low <= value <= high
             agree[near] += 1
             word = "" if near else "one of the places" if among else "OUTSIDE"
-            print(
-                f"  {key:32}{value:9.4g}{middle:11.4g}{f'{low:.4g} .. {high:.4g}':>20}{middle / value:8.2f}  {word}"
-            )
+            print(f"  {key:32}{value:9.4g}{middle:11.4g}{f'{low:.4g} .. {high:.4g}':>20}{middle / value:8.2f}  {word}")
     print(f"\n{agree[True]} of {sum(agree.values())} medians within {WITHIN:.0%} of the recording.")
     print("\nR45/R0 of every surface that was recorded at both: real, simulated median, 5 .. 95 %")
     straight = {one.surface: one.name for one in recordings if one.incidence_deg == 0.0}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,14 @@ def lab_text(axis: Any, rows: Any) -> str:
 
 
 FIGURE_TEXT = lab_text(FIGURE_AXIS, FIGURE_ROWS)
+
+
+@functools.cache
+def trial_drive(seed: int = 0) -> Drive:
+    """The thesis's trial as simulated: 600 sweeps, one step, acceleration."""
+    from jaxradar.sim import load_scene, simulate  # brings JAX, which most readers' tests do without
+
+    return simulate(load_scene("trial"), seed)
 
 
 def recordings(folder: str) -> Path:

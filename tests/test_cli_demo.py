@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from log_samples import trial_drive
 
 from jaxradar.cli import main
 from jaxradar.logs import read_log, write_log
-from jaxradar.sim import demo_drive
 
 PNG = b"\x89PNG"
 
@@ -26,13 +26,12 @@ def test_the_demo_needs_nothing_and_can_be_run_again(tmp_path: Path) -> None:
     assert sorted(path.name for path in folder.iterdir()) == ["default.png", "log", "sweeps.png", "thesis.png"]
     assert all(path.read_bytes().startswith(PNG) for path in folder.glob("*.png"))
     assert sorted(path.name for path in (folder / "log").iterdir()) == ["3.csv", "gyro.csv", "truth.json"]
-    assert read_log(folder / "log").truth == demo_drive().truth
+    assert read_log(folder / "log").truth == trial_drive().truth
     rows = {line.split()[0]: line.split() for line in first.splitlines() if line.startswith(("thesis ", "default "))}
-    # The rule of the thesis cries all the time; the default detector sees the step, once, in time.
-    assert int(rows["thesis"][4]) > 100
-    assert rows["default"][1:8] == ["3", "200", "0", "1", "1", "0", "0"]
-    assert 0 < int(rows["default"][8]) <= 23
-    assert "luck" in first
+    # On a road that drives by, both alarms too often to make their hits worth much, and the text says so.
+    assert rows["thesis"][1:4] == [*rows["default"][1:3], "0"] == ["3", "600", "0"]
+    assert int(rows["thesis"][4]) > 10 * int(rows["default"][4]) > 10
+    assert "may be luck" in first
     for path in ("log", "thesis.png", "default.png", "sweeps.png"):
         assert f"jaxradar-demo/{path}\n" in first
     assert max(map(len, first.splitlines())) <= 80
@@ -49,7 +48,7 @@ def test_the_demo_leaves_a_strange_folder_alone(tmp_path: Path, capsys: pytest.C
 
 
 def test_the_demo_leaves_a_recording_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_log(replace(demo_drive(seed=3), truth=None), tmp_path / "log")
+    write_log(replace(trial_drive(seed=3), truth=None), tmp_path / "log")
     before = (tmp_path / "log" / "3.csv").read_bytes()
     assert main(["demo", "-o", str(tmp_path)]) == 1
     assert "left alone" in capsys.readouterr().err
@@ -57,7 +56,7 @@ def test_the_demo_leaves_a_recording_alone(tmp_path: Path, capsys: pytest.Captur
 
 
 def test_view_draws_each_sensor_and_says_where(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_log(demo_drive(), tmp_path / "log")
+    write_log(trial_drive(), tmp_path / "log")
     arguments = ["view", str(tmp_path / "log"), "-o", str(tmp_path / "f"), "--detector", "thesis", "--stop", "1"]
     assert main(arguments) == 0
     out, err = capsys.readouterr()
@@ -69,7 +68,7 @@ def test_view_draws_each_sensor_and_says_where(tmp_path: Path, capsys: pytest.Ca
 
 def test_view_takes_one_log_and_a_sensor_that_it_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in ("one", "two"):
-        write_log(demo_drive(), tmp_path / name)
+        write_log(trial_drive(), tmp_path / name)
     assert main(["view", str(tmp_path), "--detector", "thesis"]) == 1
     assert "holds 2 logs; expected one" in capsys.readouterr().err
     for wrong in (["--sensor", "1"], ["--start", "2.5"], ["--thin", "129"], ["-o", str(tmp_path / "one" / "3.csv")]):

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from log_samples import trial_drive
 
 from jaxradar.cli import main
 from jaxradar.drive import Channel, Drive, Motion, Mounting, RoadStep, SensorSeries, SweepFlag, Truth
 from jaxradar.labels import propose_steps
 from jaxradar.logs import read_log, write_log
-from jaxradar.sim import demo_drive
 
 
 def channel(times_s: list[float], values: list[float]) -> Channel:
@@ -97,7 +97,7 @@ def test_info_of_a_log_that_says_little_and_of_one_that_fails(
 
 def test_convert_there_and_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     there, back = tmp_path / "log.drive", tmp_path / "back"
-    write_log(demo_drive(), tmp_path / "log")
+    write_log(trial_drive(), tmp_path / "log")
     assert main(["convert", str(tmp_path / "log"), str(there)]) == 0
     assert main(["convert", str(there), str(back)]) == 0
     assert capsys.readouterr() == (f"{there}\n{back}\n", "")
@@ -183,7 +183,7 @@ def test_labels_against_a_loop(bumps: list[int], hold_off: int) -> None:
 
 def test_label_writes_truth_that_is_read_with_the_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = tmp_path / "log"
-    write_log(replace(demo_drive(), truth=None), log)
+    write_log(replace(trial_drive(), truth=None), log)
     (log / "truth.json").unlink()
     assert main(["label", str(log)]) == 0
     out, err = capsys.readouterr()
@@ -192,7 +192,7 @@ def test_label_writes_truth_that_is_read_with_the_log(tmp_path: Path, capsys: py
     truth = read_log(log).truth
     assert truth is not None
     (step,) = truth.steps
-    assert step.impact_s == pytest.approx(1.2, abs=0.012)  # the acceleration is sampled each 10 ms
+    assert step.impact_s == pytest.approx(1.2, abs=0.012)
     assert f"{step.impact_s:.3f} s" in out
     assert main(["label", str(log), "--acceleration", "30", "--overwrite"]) == 0
     assert read_log(log).truth == Truth()
@@ -200,7 +200,7 @@ def test_label_writes_truth_that_is_read_with_the_log(tmp_path: Path, capsys: py
 
 
 def test_label_keeps_what_is_there_and_the_mounting(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    drive = demo_drive()
+    drive = trial_drive()
     for name in ("log", "log.drive"):
         log = tmp_path / name
         write_log(drive, log)

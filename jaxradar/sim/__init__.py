@@ -4,7 +4,6 @@ A scene says what there is: a radar on a mount, a road, a surface, a car in moti
 `Drive` of it, with its truth; `render` is the pure function inside, for gradients and batches.
 """
 
-from jaxradar.sim.demo import DemoScene, demo_drive
 from jaxradar.sim.drives import simulate, simulate_batch
 from jaxradar.sim.effects import (
     EFFECTS,
@@ -60,7 +59,6 @@ __all__ = [
     "Contribution",
     "CpuClock",
     "Curve",
-    "DemoScene",
     "DirectLeakage",
     "DroppedSweeps",
     "Effect",
@@ -100,7 +98,6 @@ __all__ = [
     "Tolerance",
     "Vehicle",
     "WaterFilm",
-    "demo_drive",
     "dump_scene",
     "load_scene",
     "plan_scene",

@@ -130,7 +130,6 @@ def _drive(plan: Plan, scene: RoadScene, found: Any) -> Drive:
                 sweeps=found.sweeps[kept],
                 range_m=range_m,
                 flags=flags,
-                spec={"update_rate": scene.radar.rate_hz},
             ),
         ),
         motion=_motion(scene, found, taken, times),

@@ -45,9 +45,10 @@ TOGETHER = 28  # echoes that are added in one pass over the nodes
 
 
 class Radar(Settings):
-    """The sensor as it is set. Defaults: an A111 thinned as the thesis's program records it (table C.1). The width of an
-    echo and the gain are those of standing recordings (`scripts/compare_recordings.py`: 45 mm, which the sensor's
-    smoothing makes 63; 26 counts for each count of a receiver's noise), the gain at the noise of table C.1.
+    """The sensor as it is set. Defaults: an A111 thinned as the thesis's program records it (table C.1).
+
+    The width of an echo and the gain are those of standing recordings (`scripts/compare_recordings.py`: 45 mm, which
+    the sensor's smoothing makes 63; 26 counts for each count of the receiver's noise), the gain at table C.1's noise.
 
     The beam's half-power widths, one way, are the maker's (55° in the E-plane, here the vertical one, and 80°). The
     amplitude of an echo falls as r^−exponent: 2 is the radar equation's for a point (power as r⁻⁴).

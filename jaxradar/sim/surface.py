@@ -64,8 +64,8 @@ def coherent_share(surface: Surface, cosine: Float[Array, "*points"], wavelength
 
 
 # Slope and grain are fitted to standing recordings of such roads (`scripts/compare_recordings.py`; one place each, so
-# good for a factor of 1.5 and 4 dB). Permittivity and roughness are assumed: concrete's for dry mineral roads, for water
-# the real one that reflects as much as 11.9 − 19.5j (see `WaterFilm`), for a wet road one in between.
+# good for a factor of 1.5 and 4 dB). Permittivity and roughness are assumed: concrete's for dry mineral roads, for
+# water the real one that reflects as much as 11.9 − 19.5j (see `WaterFilm`), for a wet road one in between.
 SURFACES: dict[str, Surface] = {
     "asphalt": Surface(),
     "wet-asphalt": Surface(permittivity=20.0, slope=0.25, grain_db=-17.5, rms_mm=0.3),
