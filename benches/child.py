@@ -89,6 +89,26 @@ def compiling(rows: list[str], gradients: list[str], logs: int) -> dict[str, Any
     return answer
 
 
+def scenes(durations_s: list[float]) -> dict[str, Any]:
+    """Of bare scenes of these lengths: what a process grows by beyond the sweeps that come out."""
+    from sections.scenes import bare_scene, renderer
+
+    grown = []
+    for seconds in durations_s:
+        scene = bare_scene(seconds)
+        call = renderer(scene)
+        sweeps = round(seconds * scene.radar.rate_hz)
+        output = 4 * sweeps * scene.radar.bins
+        peak = growth_bytes(lambda call=call: call(1))  # type: ignore[misc]
+        grown.append({"sweeps": sweeps, "output": output, "beyond": peak - output})
+    return {"grown": grown}
+
+
 if __name__ == "__main__":
-    tasks: dict[str, Callable[..., dict[str, Any]]] = {"memory": memory, "gradient": gradient, "compiling": compiling}
+    tasks: dict[str, Callable[..., dict[str, Any]]] = {
+        "memory": memory,
+        "gradient": gradient,
+        "compiling": compiling,
+        "scenes": scenes,
+    }
     print(json.dumps(tasks[sys.argv[1]](**json.loads(sys.argv[2]))))

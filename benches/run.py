@@ -28,6 +28,7 @@ SECTIONS = {
     "bins": "bins",
     "gradient": "gradient",
     "compile": "compiling",
+    "scenes": "scenes",
     "acconeer": "acconeer",
     "gpu": "gpu",
 }

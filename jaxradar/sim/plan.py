@@ -88,7 +88,7 @@ def plan_scene(scene: RoadScene) -> Plan:
         )
     return Plan(
         sweeps=sweeps,
-        block=max(1, min(BLOCK, sweeps)),
+        block=_block(sweeps),
         first_point=first,
         points=points,
         behind_m=behind_m,
@@ -97,6 +97,14 @@ def plan_scene(scene: RoadScene) -> Plan:
         fwhm_m=fwhm,
         widening=_widening(scene, fwhm, float(np.abs(speed_m_s).max())),
     )
+
+
+def _block(sweeps: int) -> int:
+    """How many sweeps to make side by side: all of few; of many a number that goes into them, so that no last block
+    is cut, which would take a copy of all."""
+    if sweeps <= BLOCK:
+        return sweeps
+    return next((size for size in range(BLOCK, BLOCK // 2, -1) if sweeps % size == 0), BLOCK)
 
 
 def _widening(scene: RoadScene, fwhm_m: float, speed_m_s: float) -> float:

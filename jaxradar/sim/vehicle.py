@@ -12,12 +12,15 @@ from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jaxradar._settings import Settings, setting
 from jaxradar._types import Setting
 
 __all__ = ["VEHICLES", "HalfCar", "QuarterCar", "Ride", "Vehicle", "ride"]
+
+TOGETHER = 32  # moments of a ride that are worked out at once
 
 Times = Float[Array, " times"]
 
@@ -205,13 +208,8 @@ def ride(system: System, inputs: Float[Array, "times inputs"], step_s: float) ->
         power[:states, states + count :],
     )
     start = -jnp.linalg.solve(system.a, system.b @ inputs[0])
-
-    def step(state: Array, pair: tuple[Array, Array]) -> tuple[Array, Array]:
-        now, then = pair
-        return phi @ state + hold @ now + slope @ (then - now), state
-
-    last, before = jax.lax.scan(step, start, (inputs[:-1], inputs[1:]))
-    states_over_time = jnp.concatenate([before, last[None]])
+    pushes = inputs[:-1] @ hold.T + (inputs[1:] - inputs[:-1]) @ slope.T
+    states_over_time = _driven(phi, start, pushes)
     rates = states_over_time @ system.a.T + inputs @ system.b.T
     pick = lambda row, values: values @ row  # noqa: E731
     return Ride(
@@ -222,6 +220,27 @@ def ride(system: System, inputs: Float[Array, "times inputs"], step_s: float) ->
         pick(system.body, rates),
         pick(system.wheel, rates),
     )
+
+
+def _driven(
+    phi: Float[Array, "states states"], start: Float[Array, " states"], pushes: Float[Array, "steps states"]
+) -> Float[Array, "times states"]:
+    """x₊ = Φ x + p from `start` on, `TOGETHER` steps at a time: what the pushes of a block do within it is one product
+    with the powers of Φ, so that only the states between blocks wait for each other."""
+    steps, states = pushes.shape
+    blocks = -(-steps // TOGETHER)
+    pushes = jnp.pad(pushes, ((0, blocks * TOGETHER - steps), (0, 0))).reshape(blocks, TOGETHER, states)
+    _, powers = jax.lax.scan(lambda power, _: (phi @ power, power), jnp.eye(states, dtype=phi.dtype), length=TOGETHER + 1)
+    age = np.subtract.outer(np.arange(TOGETHER), np.arange(TOGETHER))
+    answers = jnp.where((age >= 0)[:, :, None, None], powers[np.maximum(age, 0)], 0.0)
+    forced = jnp.einsum("kjab,mjb->mka", answers, pushes)
+
+    def step(state: Array, last: Array) -> tuple[Array, Array]:
+        return powers[-1] @ state + last, state
+
+    _, begins = jax.lax.scan(step, start, forced[:, -1])
+    after = jnp.einsum("kab,mb->mka", powers[1:], begins) + forced
+    return jnp.concatenate([start[None], after.reshape(blocks * TOGETHER, states)[:steps]])
 
 
 VEHICLES: dict[str, type[Vehicle]] = {kind.name: kind for kind in (QuarterCar, HalfCar)}
