@@ -197,7 +197,7 @@ def fit_scenes(recordings: list[Recording], noise: float) -> tuple[Fit, float, f
             )
             return deviance(fit) + 0.5 * sum(jnp.sum(one**2) for part in priors for one in part)
 
-        found = optx.minimise(loss, optx.BFGS(rtol=1e-4, atol=1e-4), first, max_steps=150, throw=False)
+        found: Any = optx.minimise(loss, optx.BFGS(rtol=1e-4, atol=1e-4), first, max_steps=150, throw=False)
         before, after = (float(jax.jit(deviance)(one)) for one in (first, found.value))
         return jax.tree.map(np.asarray, found.value), before / len(recordings), after / len(recordings)
 
@@ -265,17 +265,17 @@ def table(
         print(f"{one.surface}, {one.incidence_deg:.0f}°")
         for key, (value, places) in rows.items():
             middle, low, high = np.median(places), *np.percentile(places, [5, 95])
-            near = abs(middle / value - 1.0) <= WITHIN
+            near = bool(abs(middle / value - 1.0) <= WITHIN)
             among = low <= value <= high
             agree[near] += 1
             word = "" if near else "one of the places" if among else "OUTSIDE"
             print(f"  {key:32}{value:9.4g}{middle:11.4g}{f'{low:.4g} .. {high:.4g}':>20}{middle / value:8.2f}  {word}")
     print(f"\n{agree[True]} of {sum(agree.values())} medians within {WITHIN:.0%} of the recording.")
     print("\nR45/R0 of every surface that was recorded at both: real, simulated median, 5 .. 95 %")
-    straight = {one.surface: one.name for one in recordings if one.incidence_deg == 0.0}
+    upright = {one.surface: one.name for one in recordings if one.incidence_deg == 0.0}
     for one in recordings:
-        if one.incidence_deg == 45.0 and one.surface in straight:
-            value, places = _ratio("echo range, mm", real, made, one.name, straight[one.surface])
+        if one.incidence_deg == 45.0 and one.surface in upright:
+            value, places = _ratio("echo range, mm", real, made, one.name, upright[one.surface])
             low, middle, high = np.percentile(places, [5, 50, 95])
             print(f"  {one.surface:12}{value:8.3f}{middle:8.3f}   {low:.3f} .. {high:.3f}")
 

@@ -115,9 +115,9 @@ def _quoted(path: Path) -> str:
 
 def _story(name: str, scene: RoadScene, drive: Drive) -> str:
     text = (
-        f"A simulated drive, the scene `{name}`: {scene.radar.rate_hz:.0f} sweeps a second for {scene.duration_s:g} s, "
-        f"{3.6 * float(scene.motion.speed_m_s):.0f} km/h at the start, the radar {float(scene.mount.height_m):g} m above "
-        "the road."
+        f"A simulated drive, the scene `{name}`: {scene.radar.rate_hz:.0f} sweeps a second for "
+        f"{scene.duration_s:g} s, {3.6 * float(scene.motion.speed_m_s):.0f} km/h at the start, the radar "
+        f"{float(scene.mount.height_m):g} m above the road."
     )
     for step in drive.truth.steps if drive.truth is not None else ():
         felt = "" if step.hard_s is None else f", and at {step.hard_s:.3f} s the body feels 15 m/s²"
@@ -131,12 +131,12 @@ def _verdict(outcomes: list[Outcome], drive: Drive) -> str:
     steps = len(drive.truth.steps) if drive.truth is not None else 0
     text = (
         f"{thesis} alarms of the thesis's rule for {steps} step{'' if steps == 1 else 's'}: one bin of range from one "
-        "sweep to the next is more than its 0.7 m/s, and each sweep of a road that goes by shows another speckle. Beside "
-        "so many, a hit is luck."
+        "sweep to the next is more than its 0.7 m/s, and each sweep of a road that goes by shows another speckle. "
+        "Beside so many, a hit is luck."
     )
     if default > 3 * steps + 3:
         text += (
-            " The default detector, too, alarms too often here: without the sensor's running average the strongest patch "
-            "of road jumps about."
+            " The default detector, too, alarms too often here: without the sensor's running average the strongest "
+            "patch of road jumps about."
         )
     return text

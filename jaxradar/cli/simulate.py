@@ -14,7 +14,7 @@ from jaxradar.cli._options import add_command, number, whole
 from jaxradar.cli._output import console, plain, print_table, ready_folder, shown
 
 if TYPE_CHECKING:
-    from jaxradar.sim import RoadScene, Significance
+    from jaxradar.sim import RoadScene, Significance, Tolerance
 
 __all__ = ["add_to"]
 
@@ -63,7 +63,7 @@ def add_to(commands: Any) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from jaxradar.sim import Tolerance, dump_scene, load_scene, ready_scenes, significant
+    from jaxradar.sim import Tolerance, dump_scene, load_scene, ready_scenes
 
     if args.list:
         scenes = ready_scenes()
@@ -81,7 +81,7 @@ def _run(args: argparse.Namespace) -> int:
         raise ConfigError("expected --output DIR for the drives, or --explain, or --print.")
     folder = ready_folder(args.output, "--output")
     if args.explain or args.significant:
-        found = significant(scene, Tolerance(args.level_db, args.range_mm, args.time_ms), args.seed)
+        found = _measured(scene, Tolerance(args.level_db, args.range_mm, args.time_ms), args.seed)
         if args.explain:
             _explain(found, args.json)
         if args.significant:
@@ -113,25 +113,36 @@ def _write(scene: RoadScene, name: str, folder: Path, args: argparse.Namespace) 
     print(f"{args.number} drive{'' if args.number == 1 else 's'} in {shown(folder)}")
 
 
+def _measured(scene: RoadScene, tolerance: Tolerance, seed: int) -> Significance:
+    from rich.progress import Progress
+
+    from jaxradar.sim import significant
+
+    with Progress(console=console(sys.stderr), transient=True, disable=not sys.stderr.isatty()) as progress:
+        task = progress.add_task("compiling the scene without each effect", total=len(scene.effects) + 2)
+        return significant(scene, tolerance, seed, lambda _: progress.advance(task))
+
+
 def _explain(found: Significance, as_json: bool) -> None:
     if as_json:
         bare = {"operations": found.bare_operations, "microseconds": found.bare_microseconds}
         print(json.dumps(plain({"bare": bare, "effects": [asdict(one) for one in found.table]}), indent=1))
         return
-    columns = ("effect", "level dB", "range mm", "time ms", "operations", "µs a sweep", "kept")
+    columns = ("effect", "level dB", "range mm", "time ms", "m/s²", "operations", "µs a sweep", "kept")
     rows = [
         (
             one.effect,
             f"{one.level_db:.1f}",
             f"{one.range_mm:.3f}",
             f"{one.time_ms:.3f}",
+            f"{one.acceleration_m_s2:.3f}",
             f"{one.operations:.0f}",
             f"{one.microseconds:.2f}",
             "yes" if one.kept else "no",
         )
         for one in found.table
     ]
-    rows.append(("(without any)", "", "", "", f"{found.bare_operations:.0f}", f"{found.bare_microseconds:.2f}", ""))
+    rows.append(("(without any)", "", "", "", "", f"{found.bare_operations:.0f}", f"{found.bare_microseconds:.2f}", ""))
     print_table(sys.stdout, columns, rows)
     print()
     for one in found.table:

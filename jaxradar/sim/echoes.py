@@ -66,11 +66,15 @@ def beam(radar: Radar, off_rad: Points, across_rad: Points) -> Points:
 
     θ_hp is where the power is halved one way; power there and back, 2⁻², is an amplitude of 2⁻¹.
     """
+    return jnp.exp(_beam_exponent(radar, off_rad, across_rad))
+
+
+def _beam_exponent(radar: Radar, off_rad: Points, across_rad: Points) -> Points:
     dtype = off_rad.dtype
     vertical, lateral = (
         jnp.asarray(one, dtype) * (math.pi / 180.0) for one in (radar.vertical_beam_deg, radar.lateral_beam_deg)
     )
-    return jnp.exp(-4.0 * math.log(2.0) * ((off_rad / vertical) ** 2 + (across_rad / lateral) ** 2))
+    return -4.0 * math.log(2.0) * ((off_rad / vertical) ** 2 + (across_rad / lateral) ** 2)
 
 
 def ground_paths(
@@ -134,9 +138,9 @@ def _received(radar: Radar, pose: Pose, x: Points, y: Points, up: Points, reach:
     down = jnp.cos(pose.down_rad), jnp.sin(pose.down_rad)
     off = angle_of(-(up * down[0] + x * down[1]) / ahead, (x * down[0] - up * down[1]) / ahead)
     across = angle_of(y / reach, ahead / reach)
-    law = jnp.exp(-jnp.asarray(radar.exponent, dtype) * jnp.log(reach))
-    shown = beam(radar, off, across) * law * _window(radar, reach)
-    return jnp.asarray(radar.gain_counts, dtype) * shown
+    # The beam's and the range law's exponentials in one.
+    exponent = _beam_exponent(radar, off, across) - jnp.asarray(radar.exponent, dtype) * jnp.log(reach)
+    return jnp.asarray(radar.gain_counts, dtype) * jnp.exp(exponent) * _window(radar, reach)
 
 
 def _window(radar: Radar, reach: Points) -> Points:

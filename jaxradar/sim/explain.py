@@ -5,7 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -25,27 +29,30 @@ ROUNDS = 3
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What may be left out: a change of the record below all three. `level_db` is relative to the record's own rms,
-    `range_mm` an rms shift of the strongest echo, `time_ms` an rms shift of the recorded times."""
+    """What may be left out: a change of the record below all of these. `level_db` is relative to the record's own rms,
+    `range_mm` an rms shift of the strongest echo, `time_ms` an rms shift of the recorded times, `acceleration_m_s2` an
+    rms change of the recorded acceleration."""
 
     level_db: float = -40.0
     range_mm: float = 0.1
     time_ms: float = 0.05
+    acceleration_m_s2: float = 0.05
 
 
 @dataclass(frozen=True)
 class Contribution:
     """What one effect does to a scene's record, all else as it is.
 
-    `level_db`, `range_mm`, `time_ms` as in `Tolerance`, −∞ or 0 where nothing changes; `lost`: share of sweeps that are
-    missing for it. `operations` and `microseconds`: what it adds to a sweep's cost, as the compiler counts and as
-    measured (a difference of two measurements, so it may come out below 0).
+    `level_db`, `range_mm`, `time_ms`, `acceleration_m_s2` as in `Tolerance`, −∞ or 0 where nothing changes; `lost`:
+    share of sweeps that are missing for it. `operations` and `microseconds`: what it adds to a sweep's cost, as the
+    compiler counts and as measured (a difference of two measurements, so it may come out below 0).
     """
 
     effect: str
     level_db: float
     range_mm: float
     time_ms: float
+    acceleration_m_s2: float
     lost: float
     operations: float
     microseconds: float
@@ -70,20 +77,29 @@ def without(scene: RoadScene, *effects: Effect) -> RoadScene:
     return dataclasses.replace(scene, effects=rest)
 
 
-def significant(scene: RoadScene, tolerance: Tolerance | None = None, seed: int = 0) -> Significance:
+def significant(
+    scene: RoadScene,
+    tolerance: Tolerance | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] | None = None,
+) -> Significance:
     """Measure what each effect contributes and drop those below the tolerance.
 
     Each is taken away from the whole scene in turn; the others keep their draws, so that the difference is its alone.
-    The first `MOST_SWEEPS` sweeps are looked at. Raises `ConfigError` for a scene that is too large.
+    The first `MOST_SWEEPS` sweeps are looked at. Every variant is a program of its own, seconds to compile; `progress`
+    is told when one is ready. Raises `ConfigError` for a scene that is too large.
     """
     tolerance = Tolerance() if tolerance is None else tolerance
     looked_at = min(scene.duration_s, MOST_SWEEPS / scene.radar.rate_hz)
     short = dataclasses.replace(scene, duration_s=looked_at)
-    whole, whole_cost = _run(short, seed)
-    bare_cost = _run(without(short, *short.effects), seed)[1]
+    variants = {"the whole scene": short, "the scene without effects": without(short, *short.effects)}
+    variants |= {f"{place}: without {one.name}": without(short, one) for place, one in enumerate(short.effects)}
+    with ThreadPoolExecutor(2) as pool:
+        # Compiling takes the time; what is measured is measured afterwards, alone.
+        ready = list(pool.map(lambda name: _compiled(variants[name], seed, name, progress), variants))
+    (whole, whole_cost), (_, bare_cost), *others = (_run(one) for one in ready)
     table, kept = [], []
-    for effect, original in zip(short.effects, scene.effects, strict=True):
-        other, cost = _run(without(short, effect), seed)
+    for effect, original, (other, cost) in zip(short.effects, scene.effects, others, strict=True):
         found = _contribution(effect, whole, other, short, tolerance, whole_cost, cost)
         table.append(found)
         if found.kept:
@@ -91,26 +107,36 @@ def significant(scene: RoadScene, tolerance: Tolerance | None = None, seed: int 
     return Significance(dataclasses.replace(scene, effects=tuple(kept)), tuple(table), *bare_cost)
 
 
-_call = compiled(lambda plan, scene, key: render(plan, scene, key), static_argnums=0)
+class _Compiled(NamedTuple):
+    plan: Plan
+    operations: float
+    call: Callable[[], Rendered]
 
 
-def _run(scene: RoadScene, seed: int) -> tuple[Rendered, tuple[float, float]]:
-    """The record, and operations and microseconds for each of its sweeps."""
-    plan: Plan = plan_scene(scene)
+def _compiled(scene: RoadScene, seed: int, name: str, progress: Callable[[str], None] | None) -> _Compiled:
+    plan = plan_scene(scene)
     with jax.enable_x64(True):
+        key = jax.random.key(seed)
         # jit's own method, which a plain callable's type does not have
-        ready = _call.lower(plan, scene, jax.random.key(seed)).compile()  # type: ignore[attr-defined]
-        analysis = ready.cost_analysis() or {}
-        found = jax.block_until_ready(ready(scene, jax.random.key(seed)))
+        program = compiled(partial(render, plan)).lower(scene, key).compile()  # type: ignore[attr-defined]
+    if progress is not None:
+        progress(name)
+    operations = float((program.cost_analysis() or {}).get("flops", math.nan))
+    return _Compiled(plan, operations, lambda: program(scene, key))
+
+
+def _run(ready: _Compiled) -> tuple[Rendered, tuple[float, float]]:
+    """The record, and operations and microseconds for each of its sweeps."""
+    with jax.enable_x64(True):
+        found = jax.block_until_ready(ready.call())
         took = []
         for _ in range(ROUNDS):
             start = time.perf_counter()
-            jax.block_until_ready(ready(scene, jax.random.key(seed)))
+            jax.block_until_ready(ready.call())
             took.append(time.perf_counter() - start)
-    sweeps = max(plan.sweeps, 1)
-    blocks = -(-sweeps // plan.block)
+    sweeps, block = ready.plan.sweeps, ready.plan.block
     # The compiler counts the body of the loop over blocks once.
-    operations = float(analysis.get("flops", math.nan)) * blocks / sweeps
+    operations = ready.operations * -(-sweeps // block) / sweeps
     return jax.tree.map(np.asarray, found), (operations, 1e6 * min(took) / sweeps)
 
 
@@ -131,6 +157,9 @@ def _contribution(
         ]
     )
     time_ms = 1e3 * float(np.sqrt(np.mean(drift**2))) if drift.size else 0.0
+    felt = 0.0
+    if whole.acceleration_m_s2 is not None and other.acceleration_m_s2 is not None:
+        felt = float(np.sqrt(np.mean((whole.acceleration_m_s2 - other.acceleration_m_s2) ** 2)))
     level_db, range_mm, resampled = -math.inf, 0.0, whole.sweeps.shape != other.sweeps.shape
     if not resampled and whole.sweeps.size:
         one, two = (np.asarray(held.sweeps, np.float64) for held in (whole, other))
@@ -148,14 +177,16 @@ def _contribution(
         (level_db > tolerance.level_db, f"it changes amplitudes by {level_db:.1f} dB of their rms"),
         (range_mm > tolerance.range_mm, f"it moves the strongest echo by {range_mm:.2g} mm"),
         (time_ms > tolerance.time_ms, f"it moves the recorded times by {time_ms:.2g} ms"),
+        (felt > tolerance.acceleration_m_s2, f"it changes the recorded acceleration by {felt:.2g} m/s²"),
     ]
     because = [text for holds, text in reasons if holds]
     why = (
         because[0]
         if because
         else (
-            f"dropped: {level_db:.1f} dB, {range_mm:.2g} mm and {time_ms:.2g} ms are below the tolerance of "
-            f"{tolerance.level_db:g} dB, {tolerance.range_mm:g} mm and {tolerance.time_ms:g} ms"
+            f"dropped: {level_db:.1f} dB, {range_mm:.2g} mm, {time_ms:.2g} ms and {felt:.2g} m/s² are below the "
+            f"tolerance of {tolerance.level_db:g} dB, {tolerance.range_mm:g} mm, {tolerance.time_ms:g} ms and "
+            f"{tolerance.acceleration_m_s2:g} m/s²"
         )
     )
     return Contribution(
@@ -163,6 +194,7 @@ def _contribution(
         level_db,
         range_mm,
         time_ms,
+        felt,
         lost,
         whole_cost[0] - cost[0],
         whole_cost[1] - cost[1],

@@ -64,15 +64,16 @@ def lay_points(
     own number."""
     number = first + jnp.arange(count)
     x = number * spacing_m
-    even = 2.0 * jnp.mod(number * GOLDEN + 0.5, 1.0) - 1.0
+    # Which fraction of a turn needs all digits; what is made of it does not.
+    even = (2.0 * jnp.mod(number * GOLDEN + 0.5, 1.0) - 1.0).astype(jnp.float32)
+    up = jnp.exp(CROWDING * even)
+    sinh, cosh = 0.5 * (up - 1.0 / up), 0.5 * (up + 1.0 / up)
     crowd = math.sinh(CROWDING)
-    y = half_width_m * jnp.sinh(CROWDING * even) / crowd
+    y = (half_width_m / crowd * sinh).astype(x.dtype)
     # A strip of no width stands for a road that has no breadth, and so for an area of its own length.
-    width = 2.0 * half_width_m * CROWDING * jnp.cosh(CROWDING * even) / crowd if half_width_m else spacing_m
+    width = 2.0 * half_width_m * CROWDING / crowd * cosh if half_width_m else spacing_m
     root = jnp.sqrt(0.5 * width * spacing_m)
-
-    real, imag = complex_normal(key, number)
-    rows = [y, root * real.astype(x.dtype), root * imag.astype(x.dtype)]
+    rows = [y, *((root * part).astype(x.dtype) for part in complex_normal(key, number))]
     if road or rough is not None:
         single = lambda x, y: road_height(road, rough, x, y)  # noqa: E731
         z, (slope_x, slope_y) = jax.vmap(jax.value_and_grad(single, argnums=(0, 1)))(x, y)

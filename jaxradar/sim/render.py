@@ -150,14 +150,16 @@ def _driven(plan: Plan, scene: RoadScene, rough: RoughnessTable | None) -> Ride:
     times = FINE_START_S + FINE_S * jnp.arange(plan.fine_steps)
     course = along(scene.motion, times)
     height = partial(road_height, scene.road, rough)
-    tracks = []
-    for behind in (scene.mount.front_wheel_m, scene.mount.front_wheel_m + vehicle.wheelbase_m):
-        sides = [
-            wheel_height(height, scene.road, course.path_m - behind, side * vehicle.half_track_m, vehicle.tyre_radius_m)
-            for side in (-1.0, 1.0)
-        ]
-        tracks.append(0.5 * (sides[0] + sides[1]))
-    return ride(vehicle.system(), jnp.stack([*tracks, course.acceleration_m_s2], axis=1), FINE_S)
+    # All wheels in one call, (axles, sides, times).
+    front_wheel = jnp.asarray(scene.mount.front_wheel_m)
+    axles = jnp.stack([front_wheel, front_wheel + vehicle.wheelbase_m])
+    sides = jnp.asarray(vehicle.half_track_m) * jnp.array([-1.0, 1.0])
+    shape = (2, 2, len(times))
+    x = jnp.broadcast_to((course.path_m - axles[:, None])[:, None], shape)
+    y = jnp.broadcast_to(sides[:, None], shape)
+    wheels = wheel_height(height, scene.road, x.ravel(), y.ravel(), vehicle.tyre_radius_m).reshape(shape)
+    front, rear = wheels.mean(axis=1)
+    return ride(vehicle.system(), jnp.stack([front, rear, course.acceleration_m_s2], axis=1), FINE_S)
 
 
 def _at(times_s: Array, values: Array) -> Array:

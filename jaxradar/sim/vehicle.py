@@ -230,7 +230,8 @@ def _driven(
     steps, states = pushes.shape
     blocks = -(-steps // TOGETHER)
     pushes = jnp.pad(pushes, ((0, blocks * TOGETHER - steps), (0, 0))).reshape(blocks, TOGETHER, states)
-    _, powers = jax.lax.scan(lambda power, _: (phi @ power, power), jnp.eye(states, dtype=phi.dtype), length=TOGETHER + 1)
+    unit = jnp.eye(states, dtype=phi.dtype)
+    _, powers = jax.lax.scan(lambda power, _: (phi @ power, power), unit, length=TOGETHER + 1)
     age = np.subtract.outer(np.arange(TOGETHER), np.arange(TOGETHER))
     answers = jnp.where((age >= 0)[:, :, None, None], powers[np.maximum(age, 0)], 0.0)
     forced = jnp.einsum("kjab,mjb->mka", answers, pushes)

@@ -28,12 +28,13 @@ def contact_m(height_m: Setting, radius_m: Setting) -> Setting:
 def wheel_height(
     height: Height,
     road: tuple[RoadElement, ...],
-    x_m: Float[Array, " times"],
-    y_m: Setting,
+    x_m: Float[Array, " places"],
+    y_m: Float[Array, " places"] | float,
     radius_m: Setting,
-) -> Float[Array, " times"]:
-    """Height of the wheel's lowest point over the first road, its axle at `x_m`: the largest of z(x + u) + √(r² − u²)
-    − r over all u within the tyre, so that it stands on the highest thing that it touches.
+) -> Float[Array, " places"]:
+    """Height of the lowest point of wheels over the first road, their axles at `x_m`, themselves at `y_m` (one for all
+    or one for each): the largest of z(x + u) + √(r² − u²) − r over all u within the tyre, so that a wheel stands on the
+    highest thing that it touches.
 
     The edges of vertical faces are looked at where they are, not at the nearest of the places. Constant, rigid radius.
     The gradient is that at the point of contact.
@@ -41,18 +42,20 @@ def wheel_height(
     radius = jnp.asarray(radius_m, x_m.dtype)
     offsets = radius * jnp.sin(0.5 * np.pi * jnp.linspace(-1.0, 1.0, OFFSETS, dtype=x_m.dtype))
 
-    def at(x: Value) -> Value:
+    def at(place: tuple[Value, Value]) -> Value:
+        x, y = place
         places = offsets
         for element in road:
             for face in element.faces():
                 # The edge is at x + u; a wheel meets the top of the face, on whichever side of it that is.
                 angle = jnp.asarray(element.oblique_deg, x.dtype) * (np.pi / 180.0)
-                away = beyond_edge(element, x, jnp.asarray(y_m, x.dtype)) - face.at_m
+                away = beyond_edge(element, x, y) - face.at_m
                 edge = -away / jnp.cos(angle)
                 high = edge + (1e-9 if face.rises else -1e-9)
                 places = jnp.concatenate([places, jnp.clip(high, -radius, radius)[None]])
         rest = jnp.sqrt(jnp.maximum(radius**2 - places**2, 1e-30)) - radius
-        lifted = height(x + places, jnp.full_like(places, y_m)) + rest
+        lifted = height(x + places, jnp.full_like(places, y)) + rest
         return lifted[jax.lax.stop_gradient(jnp.argmax(lifted))]
 
-    return jax.lax.map(at, x_m, batch_size=CHUNK)
+    across = jnp.broadcast_to(jnp.asarray(y_m, x_m.dtype), x_m.shape)
+    return jax.lax.map(at, (x_m, across), batch_size=CHUNK)
