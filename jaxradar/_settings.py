@@ -15,7 +15,17 @@ from jaxradar._errors import ConfigError
 from jaxradar._numerics import as_scalar
 from jaxradar._toml import check_keys, toml_line
 
-__all__ = ["Settings", "choice_setting", "declared", "read_settings", "setting", "settings_lines", "shape_setting"]
+__all__ = [
+    "Settings",
+    "choice_setting",
+    "declared",
+    "in_order",
+    "is_plain",
+    "read_settings",
+    "setting",
+    "settings_lines",
+    "shape_setting",
+]
 
 
 def setting(default: float, low: float, high: float, unit: str, doc: str) -> Any:
@@ -60,6 +70,19 @@ class Settings(eqx.Module):
                 )
 
 
+def is_plain(value: Any) -> bool:
+    """Whether a setting is one number, and not traced or one for each scene of a batch."""
+    return not isinstance(value, jax.core.Tracer) and np.ndim(value) == 0
+
+
+def in_order(kind: str, first: str, low: Any, second: str, high: Any) -> None:
+    """Raises `ValueError` if `low` is above `high`, as far as both are known."""
+    if is_plain(low) and is_plain(high) and float(low) > float(high):
+        raise ValueError(
+            f"`{kind}({first}=...)` must not be later than {second}; got {float(low):g} and {float(high):g}."
+        )
+
+
 def declared(kind: type[Settings]) -> dict[str, dataclasses.Field[Any]]:
     """The fields that were declared by one of the functions of this module."""
     return {one.name: one for one in dataclasses.fields(kind) if "doc" in one.metadata}
@@ -87,11 +110,15 @@ def _read_value(path: str | PathLike[str], one: dataclasses.Field[Any], value: A
         return value
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ConfigError(f"{path}: `{one.name}` in {where} must be a number; got {value!r}.")
+    try:
+        held = float(value)
+    except OverflowError:
+        raise ConfigError(f"{path}: `{one.name}` in {where} is larger than any number a computer holds.") from None
     if one.metadata.get("static") and isinstance(one.default, int):
-        if value != int(value):
+        if not held.is_integer():
             raise ConfigError(f"{path}: `{one.name}` in {where} must be a whole number; got {value!r}.")
         return int(value)
-    return float(value)
+    return held
 
 
 def settings_lines(held: Settings) -> list[str]:

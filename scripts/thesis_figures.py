@@ -31,7 +31,7 @@ def drives_of(scene: sim.RoadScene, count: int = DRIVES) -> list[Drive]:
     return sim.simulate_batch([scene] * count, range(count))
 
 
-def with_effects(scene: sim.RoadScene, *more: sim.Effect, without: tuple[type, ...] = ()) -> sim.RoadScene:
+def with_effects(scene: sim.RoadScene, *more: sim.RoadEffect, without: tuple[type, ...] = ()) -> sim.RoadScene:
     kept = tuple(one for one in scene.effects if not isinstance(one, without))
     return dataclasses.replace(scene, effects=(*more, *kept))
 

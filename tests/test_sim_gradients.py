@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from jaxradar import sim
-from jaxradar.sim.effects import EFFECTS
-from jaxradar.sim.plan import plan_scene
-from jaxradar.sim.render import render
+from jaxradar.sim.road.effects import EFFECTS
+from jaxradar.sim.road.plan import plan_scene
+from jaxradar.sim.road.render import render
 
 SMOOTH = [name for name, kind in EFFECTS.items() if kind.smooth and kind.stage != "axis"]
 NOISE = sim.ReceiverNoise()
@@ -93,4 +93,4 @@ def test_gradients_in_a_bend_and_while_pulling_away():
 
 def test_effects_without_a_gradient_say_so():
     without = {name for name, kind in EFFECTS.items() if not kind.smooth}
-    assert without == {"saturation", "quantisation", "dropped-sweeps", "cpu-clock"}
+    assert without == {"saturation", "quantisation", "dropped-sweeps", "cpu-clock", "accelerometer"}

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from jaxradar.sim.corner import corner_area
 from jaxradar.sim.radar import Echoes, Radar, envelope, field_of, nodes_of, pulse, pulse_scale, range_axis
-from jaxradar.sim.surface import Surface, backscatter, coherent_share
+from jaxradar.sim.road.corner import corner_area
+from jaxradar.sim.road.surface import Surface, backscatter, coherent_share
 
 FWHM = 0.06
 

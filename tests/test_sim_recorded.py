@@ -16,7 +16,10 @@ def test_table_c1_has_the_models_mean_and_grid(capsys: pytest.CaptureFixture[str
     recorded = np.array(FIGURE_ROWS)[:, 1:]
     radar = sim.Radar(start_m=FIGURE_AXIS[0], bin_m=FIGURE_AXIS[1] - FIGURE_AXIS[0], bins=len(FIGURE_AXIS))
     scene = sim.RoadScene(
-        duration_s=TABLES * len(recorded) / 100, radar=radar, surface=None, effects=(sim.ReceiverNoise(), sim.Quantisation())
+        duration_s=TABLES * len(recorded) / 100,
+        radar=radar,
+        surface=None,
+        effects=(sim.ReceiverNoise(), sim.Quantisation()),
     )
     tables = sim.simulate(scene).sensors[0].sweeps.astype(float).reshape(TABLES, *recorded.shape)
     means, spreads = tables.mean(axis=(1, 2)), tables.std(axis=(1, 2), ddof=1)

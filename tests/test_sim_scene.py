@@ -11,11 +11,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from jaxradar import ConfigError, sim
 from jaxradar._numerics import compiled
 from jaxradar.drive import SweepFlag
-from jaxradar.sim.effects import EFFECTS
-from jaxradar.sim.ground import lay_points
-from jaxradar.sim.plan import plan_scene
-from jaxradar.sim.render import render
-from jaxradar.sim.scene import named_stream
+from jaxradar.sim.road.effects import EFFECTS
+from jaxradar.sim.road.ground import lay_points
+from jaxradar.sim.road.plan import plan_scene
+from jaxradar.sim.road.render import render
+from jaxradar.sim.scene import named_stream, of_stage
 
 BARE = sim.RoadScene(duration_s=0.1)
 STEPPED = sim.RoadScene(duration_s=0.2, road=(sim.StepUp(at_m=1.2),), vehicle=sim.QuarterCar())
@@ -85,15 +85,39 @@ def jaxpr(scene):
         )
 
 
+WHOLE = dataclasses.replace(STEPPED, effects=(sim.ReceiverNoise(),))
+
+
+def test_an_effect_that_is_not_there_leaves_nothing_in_the_program(monkeypatch):
+    """Its code is not even called while the program is traced."""
+    plain = jaxpr(WHOLE)
+
+    def called(self, *arguments):
+        raise AssertionError(f"{self.name} was called")
+
+    for kind in EFFECTS.values():
+        if kind is not sim.ReceiverNoise:
+            for method in ("__call__", "places", "stated", "turn_rad_m"):
+                monkeypatch.setattr(kind, method, called)
+    assert jaxpr(WHOLE) == plain
+    for name, kind in EFFECTS.items():
+        if kind is not sim.ReceiverNoise:
+            with pytest.raises(AssertionError, match=f"{name} was called"):
+                jaxpr(dataclasses.replace(WHOLE, effects=(kind(),)))
+
+
 @pytest.mark.parametrize("name", EFFECTS)
-def test_an_effect_that_is_not_there_leaves_nothing_in_the_program(name):
-    scene = dataclasses.replace(
-        BARE, effects=(sim.ReceiverNoise(), EFFECTS[name]()) if name != "receiver-noise" else (EFFECTS[name](),)
-    )
-    rest = tuple(one for one in scene.effects if one.name != name)
-    assert jaxpr(dataclasses.replace(scene, effects=rest)) == jaxpr(dataclasses.replace(BARE, effects=rest))
-    if EFFECTS[name].stage != "clock":
-        assert jaxpr(scene) != jaxpr(dataclasses.replace(scene, effects=rest))
+def test_an_effect_that_is_there_is_in_the_program(name):
+    kind = EFFECTS[name]
+    with_it = dataclasses.replace(WHOLE, effects=(sim.ReceiverNoise(), kind()) if name != "receiver-noise" else ())
+    if name in ("dropped-sweeps", "late-sweeps", "cpu-clock"):  # these change which sweeps are written, and when
+        return
+    assert lines(with_it) != lines(WHOLE)
+
+
+def lines(scene):
+    """The program without its first line, which lists the settings that go in."""
+    return jaxpr(scene).split("\n", 1)[1].count("\n")
 
 
 def test_what_a_scene_has_not_is_not_in_its_program():
@@ -103,23 +127,25 @@ def test_what_a_scene_has_not_is_not_in_its_program():
     assert len(jaxpr(STEPPED)) > 1.3 * len(program)
 
 
-SOME = ("time-jitter", "rain")
+@pytest.mark.parametrize("name", [name for name in EFFECTS if name != "receiver-noise"])
+def test_an_effect_does_not_change_the_streams_of_the_others(name):
+    key, noise, effect = jax.random.key(5), sim.ReceiverNoise(), EFFECTS[name]()
+    ((_, alone),) = of_stage((noise,), "field", key)
+    for effects in ((effect, noise), (noise, effect)):
+        streams = [stream for one, stream in of_stage(effects, "field", key) if one is noise]
+        assert streams == [alone]
+    ((_, own),) = of_stage((effect,), effect.stage, key)
+    assert (jax.random.key_data(own) != jax.random.key_data(alone)).any()
 
 
-@pytest.mark.parametrize(
-    "name", [name if name in SOME else pytest.param(name, marks=pytest.mark.long) for name in EFFECTS]
-)
-def test_an_effect_does_not_change_the_draws_of_the_others(name):
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["rain", "lost-echo", "time-jitter", "multipath"])
+def test_what_is_drawn_stays_when_another_effect_comes(name):
+    # Without a road only the noise is seen.
     noise = sim.ReceiverNoise(width_m=0.0)
     alone = rendered(dataclasses.replace(BARE, surface=None, effects=(noise,)))
-    if name == "receiver-noise":
-        return
-    effect = EFFECTS[name]()
-    for effects in ((effect, noise), (noise, effect)):
-        found = rendered(dataclasses.replace(BARE, surface=None, effects=effects))
-        if name in ("thinning", "running-average", "quantisation", "direct-leakage", "interference"):
-            continue  # these change what noise becomes, not its draws
-        assert_array_equal(found.sweeps, alone.sweeps)
+    found = rendered(dataclasses.replace(BARE, surface=None, effects=(EFFECTS[name](), noise)))
+    assert_array_equal(found.sweeps, alone.sweeps)
 
 
 @pytest.mark.long

@@ -7,11 +7,11 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 
-from jaxradar.sim.ground import road_height
-from jaxradar.sim.motion import CarMotion, SpeedChange, along
 from jaxradar.sim.road.elements import FlatTopHump, Kerb, Pothole, SinusoidalHump, StepDown, StepUp
+from jaxradar.sim.road.ground import road_height
+from jaxradar.sim.road.motion import CarMotion, SpeedChange, along
 from jaxradar.sim.road.tyre import contact_m, wheel_height
-from jaxradar.sim.vehicle import HalfCar, QuarterCar, ride
+from jaxradar.sim.road.vehicle import HalfCar, QuarterCar, ride
 
 STEP = 0.0005
 

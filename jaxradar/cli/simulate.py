@@ -56,20 +56,22 @@ def add_to(commands: Any) -> None:
     )
     parser.add_argument("--range-mm", type=number(0.0), default=0.1, metavar="MM", help="or than this (default: 0.1)")
     parser.add_argument("--time-ms", type=number(0.0), default=0.05, metavar="MS", help="or than this (default: 0.05)")
-    parser.add_argument("--list", action="store_true", help="list the scenes that come with the package")
+    parser.add_argument(
+        "--acceleration", type=number(0.0), default=0.05, metavar="M_S2", help="or than this (default: 0.05)"
+    )
+    parser.add_argument(
+        "--list", action="store_true", help="list the scenes that come with the package, and what scenes are made of"
+    )
     parser.add_argument(
         "--print", action="store_true", dest="show", help="print the scene as TOML, all of its settings"
     )
 
 
 def _run(args: argparse.Namespace) -> int:
-    from jaxradar.sim import Tolerance, dump_scene, load_scene, ready_scenes
+    from jaxradar.sim import Tolerance, dump_scene, load_scene
 
     if args.list:
-        scenes = ready_scenes()
-        width = max(map(len, scenes))
-        for name, text in scenes.items():
-            print(f"{name:{width}}  {text}")
+        _list()
         return 0
     if args.scene is None:
         raise ConfigError("expected a SCENE; `jaxradar simulate --list` shows those that come with the package.")
@@ -81,7 +83,7 @@ def _run(args: argparse.Namespace) -> int:
         raise ConfigError("expected --output DIR for the drives, or --explain, or --print.")
     folder = ready_folder(args.output, "--output")
     if args.explain or args.significant:
-        found = _measured(scene, Tolerance(args.level_db, args.range_mm, args.time_ms), args.seed)
+        found = _measured(scene, Tolerance(args.level_db, args.range_mm, args.time_ms, args.acceleration), args.seed)
         if args.explain:
             _explain(found, args.json)
         if args.significant:
@@ -95,13 +97,13 @@ def _write(scene: RoadScene, name: str, folder: Path, args: argparse.Namespace) 
     from rich.progress import track
 
     from jaxradar.logs import write_log
-    from jaxradar.sim.drives import drive_seeds, simulate_each
+    from jaxradar.sim import drive_seeds, simulate_each
 
     digits = max(3, len(str(args.number - 1)))
     suffix = ".drive" if args.form == "drive" else ""
     notes: set[str] = set()
     quiet = args.number == 1 or not sys.stderr.isatty()
-    drives = simulate_each(scene, drive_seeds(args.seed, args.number))
+    drives = simulate_each([scene] * args.number, drive_seeds(args.seed, args.number))
     shown_drives = track(
         drives, "drives", total=args.number, console=console(sys.stderr), transient=True, disable=quiet
     )
@@ -113,29 +115,56 @@ def _write(scene: RoadScene, name: str, folder: Path, args: argparse.Namespace) 
     print(f"{args.number} drive{'' if args.number == 1 else 's'} in {shown(folder)}")
 
 
+def _list() -> None:
+    from jaxradar.sim import EFFECTS, ELEMENTS, SURFACES, ready_scenes
+
+    effects = {name: kind.explains for name, kind in EFFECTS.items()}
+    elements = {name: (kind.__doc__ or "").partition("\n")[0].rstrip(".") for name, kind in ELEMENTS.items()}
+    for title, held in (
+        ("Scenes", ready_scenes()),
+        ("Elements of a road ([[road]])", elements),
+        ("Effects ([[effects]]), and what each explains", effects),
+    ):
+        width = max(map(len, held))
+        print(f"{title}:")
+        for name, text in held.items():
+            print(f"  {name:{width}}  {text}")
+        print()
+    print(f"Surfaces ([surface]): {', '.join(SURFACES)}, none")
+
+
 def _measured(scene: RoadScene, tolerance: Tolerance, seed: int) -> Significance:
     from rich.progress import Progress
 
     from jaxradar.sim import significant
 
+    variants = len(scene.effects) + 2
+    what = f"compiling {variants} variants of the scene"
+    if not sys.stderr.isatty():
+        print(f"jaxradar: {what} ...", file=sys.stderr)
     with Progress(console=console(sys.stderr), transient=True, disable=not sys.stderr.isatty()) as progress:
-        task = progress.add_task("compiling the scene without each effect", total=len(scene.effects) + 2)
-        return significant(scene, tolerance, seed, lambda _: progress.advance(task))
+        task = progress.add_task(what, total=variants)
+        return significant(scene, tolerance, seed, lambda: progress.advance(task))
 
 
 def _explain(found: Significance, as_json: bool) -> None:
     if as_json:
         bare = {"operations": found.bare_operations, "microseconds": found.bare_microseconds}
-        print(json.dumps(plain({"bare": bare, "effects": [asdict(one) for one in found.table]}), indent=1))
+        effects = [
+            {**{key: value for key, value in asdict(one).items() if key != "difference"}, **asdict(one.difference)}
+            for one in found.table
+        ]
+        together = None if found.together is None else asdict(found.together)
+        print(json.dumps(plain({"bare": bare, "effects": effects, "together": together}), indent=1))
         return
     columns = ("effect", "level dB", "range mm", "time ms", "m/s²", "operations", "µs a sweep", "kept")
     rows = [
         (
             one.effect,
-            f"{one.level_db:.1f}",
-            f"{one.range_mm:.3f}",
-            f"{one.time_ms:.3f}",
-            f"{one.acceleration_m_s2:.3f}",
+            f"{one.difference.level_db:.1f}",
+            f"{one.difference.range_mm:.3f}",
+            f"{one.difference.time_ms:.3f}",
+            f"{one.difference.acceleration_m_s2:.3f}",
             f"{one.operations:.0f}",
             f"{one.microseconds:.2f}",
             "yes" if one.kept else "no",
@@ -147,3 +176,5 @@ def _explain(found: Significance, as_json: bool) -> None:
     print()
     for one in found.table:
         print(f"{one.effect}: {one.why}.")
+    if found.together is not None:
+        print(f"All that is dropped, together: {found.together.figures()}.")

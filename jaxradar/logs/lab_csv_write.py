@@ -114,7 +114,9 @@ def _radar_text(series: SensorSeries, clock_start_ns: int) -> str:
     parts = ["".join(f",{axis}" % metres for metres in series.range_m.tolist())]
     for time, sweep, failed in zip(times, series.sweeps, silent.tolist(), strict=True):
         parts.append("\n" + time + ("" if failed else row % tuple(sweep.tolist())))
-    if silent[-1:].any():  # without a line end it would be taken for a row that was cut off
+    # Without a line end these would be taken for a row that was cut off: one without amplitudes, and one whose last
+    # number has fewer decimals than others.
+    if silent[-1:].any() or amplitude == "%r":
         parts.append("\n")
     return "".join(parts)
 

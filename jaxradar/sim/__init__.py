@@ -4,8 +4,12 @@ A scene says what there is: a radar on a mount, a road, a surface, a car in moti
 `Drive` of it, with its truth; `render` is the pure function inside, for gradients and batches.
 """
 
-from jaxradar.sim.drives import simulate, simulate_batch
-from jaxradar.sim.effects import (
+from jaxradar.sim.explain import Contribution, Difference, Significance, Tolerance, significant
+from jaxradar.sim.files import dump_scene, load_scene, ready_scenes
+from jaxradar.sim.radar import Radar
+from jaxradar.sim.road.drives import drive_seeds, simulate, simulate_batch, simulate_each
+from jaxradar.sim.road.effect import RoadEffect
+from jaxradar.sim.road.effects import (
     EFFECTS,
     Accelerometer,
     CpuClock,
@@ -28,12 +32,6 @@ from jaxradar.sim.effects import (
     TimeJitter,
     WaterFilm,
 )
-from jaxradar.sim.explain import Contribution, Significance, Tolerance, significant
-from jaxradar.sim.files import dump_scene, load_scene, ready_scenes
-from jaxradar.sim.motion import CarMotion, Curve, SpeedChange
-from jaxradar.sim.plan import Plan, plan_scene
-from jaxradar.sim.radar import Radar
-from jaxradar.sim.render import Rendered, render
 from jaxradar.sim.road.elements import (
     ELEMENTS,
     FlatTopHump,
@@ -44,11 +42,13 @@ from jaxradar.sim.road.elements import (
     StepDown,
     StepUp,
 )
+from jaxradar.sim.road.motion import CarMotion, Curve, SpeedChange
+from jaxradar.sim.road.plan import Plan, plan_scene
+from jaxradar.sim.road.render import Rendered, render
 from jaxradar.sim.road.roughness import Roughness
 from jaxradar.sim.road.scene import Mount, RoadScene
-from jaxradar.sim.scene import Effect
-from jaxradar.sim.surface import SURFACES, Surface
-from jaxradar.sim.vehicle import HalfCar, QuarterCar, Vehicle
+from jaxradar.sim.road.surface import SURFACES, Surface
+from jaxradar.sim.road.vehicle import HalfCar, QuarterCar, Vehicle
 
 __all__ = [
     "EFFECTS",
@@ -59,9 +59,9 @@ __all__ = [
     "Contribution",
     "CpuClock",
     "Curve",
+    "Difference",
     "DirectLeakage",
     "DroppedSweeps",
-    "Effect",
     "FlatTopHump",
     "Gain",
     "HalfCar",
@@ -81,6 +81,7 @@ __all__ = [
     "RangeWalk",
     "ReceiverNoise",
     "Rendered",
+    "RoadEffect",
     "RoadElement",
     "RoadScene",
     "Roughness",
@@ -98,6 +99,7 @@ __all__ = [
     "Tolerance",
     "Vehicle",
     "WaterFilm",
+    "drive_seeds",
     "dump_scene",
     "load_scene",
     "plan_scene",
@@ -106,4 +108,5 @@ __all__ = [
     "significant",
     "simulate",
     "simulate_batch",
+    "simulate_each",
 ]

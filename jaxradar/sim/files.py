@@ -10,7 +10,7 @@ rate_hz = 300.0
 [mount]
 height_m = 0.35
 [surface]
-name = "asphalt"           # or wet-asphalt, gravel, cement, grass, none; settings beside it change it
+name = "asphalt"           # or wet-asphalt, gravel, cement, grass, water, none; settings beside it change it
 [roughness]                # left out: an even road
 grade = "B"
 [motion]
@@ -40,14 +40,14 @@ from typing import Any, TypeVar
 from jaxradar._errors import ConfigError
 from jaxradar._settings import Settings, declared, read_settings, settings_lines
 from jaxradar._toml import check_keys, nearest, read_toml, toml_line
-from jaxradar.sim.effects import EFFECTS
-from jaxradar.sim.motion import CarMotion, Curve, SpeedChange
 from jaxradar.sim.radar import Radar
+from jaxradar.sim.road.effects import EFFECTS
 from jaxradar.sim.road.elements import ELEMENTS
+from jaxradar.sim.road.motion import CarMotion, Curve, SpeedChange
 from jaxradar.sim.road.roughness import Roughness
 from jaxradar.sim.road.scene import Mount, RoadScene
-from jaxradar.sim.surface import SURFACES, Surface
-from jaxradar.sim.vehicle import VEHICLES
+from jaxradar.sim.road.surface import SURFACES, Surface
+from jaxradar.sim.road.vehicle import VEHICLES
 
 __all__ = ["dump_scene", "load_scene", "ready_scenes"]
 
@@ -58,7 +58,7 @@ Kind = TypeVar("Kind", bound=Settings)
 def ready_scenes() -> dict[str, str]:
     """Names of the scenes that the package brings along, and what each shows."""
     found = {}
-    for file in sorted(resources.files("jaxradar.sim.scenes").iterdir(), key=lambda one: one.name):
+    for file in sorted(resources.files("jaxradar.sim.scenes").iterdir(), key=lambda one: one.name.split(".")[0]):
         if file.name.endswith(".toml"):
             first = file.read_text(encoding="utf-8").splitlines()[0]
             found[file.name.removesuffix(".toml")] = first.removeprefix("# ")
@@ -128,7 +128,7 @@ def _surface(path: str, table: dict[str, Any]) -> Surface | None:
     if name == "none":
         check_keys(path, rest, [], "[surface] without a surface")
         return None
-    if name not in SURFACES:
+    if not isinstance(name, str) or name not in SURFACES:
         known = [*SURFACES, "none"]
         raise ConfigError(f"{path}: unknown surface {name!r}{nearest(str(name), known)}; expected {', '.join(known)}.")
     held = SURFACES[name]
@@ -168,7 +168,7 @@ def _named(
     path: str, table: dict[str, Any], naming: str, kinds: Mapping[str, type[Kind]], where: str, default: str = ""
 ) -> Kind:
     name = table.get(naming, default)
-    if name not in kinds:
+    if not isinstance(name, str) or name not in kinds:
         hint = nearest(str(name), kinds)
         raise ConfigError(f"{path}: `{naming}` of {where} is {name!r}{hint}; expected {', '.join(kinds)}.")
     kind = kinds[name]

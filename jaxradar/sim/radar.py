@@ -41,7 +41,7 @@ NODE_SPACING = 0.9  # in standard deviations σ of the pulse: 1.1e-4 of an echo'
 REACH = 3.5  # in σ: an echo so far beyond the range window still shows in it, with 0.3 % of its amplitude
 MARGIN = 6.3  # in σ: how far beyond the window nodes are laid
 SHARPNESS = 16  # the power that makes a parabola nearly a Gaussian
-TOGETHER = 28  # echoes that are added in one pass over the nodes
+ECHOES_A_PASS = 28  # echoes that are added in one pass over the nodes
 
 
 class Radar(Settings):
@@ -150,14 +150,14 @@ def field_of(echoes: Echoes, nodes_m: np.ndarray, step_m: float, range_m: np.nda
         return field + jax.lax.complex(real, imag)
 
     def pass_from(field: Array, start: Array) -> tuple[Array, None]:
-        cut = lambda one: jax.lax.dynamic_slice_in_dim(one, start, TOGETHER)  # noqa: E731
+        cut = lambda one: jax.lax.dynamic_slice_in_dim(one, start, ECHOES_A_PASS)  # noqa: E731
         return add(field, jax.tree.map(cut, echoes)), None
 
     count = echoes.range_m.shape[0]
-    whole = count // TOGETHER * TOGETHER
+    whole = count // ECHOES_A_PASS * ECHOES_A_PASS
     field = jax.lax.complex(0.0 * nodes, 0.0 * nodes)
     if whole:
-        field, _ = jax.lax.scan(pass_from, field, jnp.arange(0, whole, TOGETHER, dtype=jnp.int32))
+        field, _ = jax.lax.scan(pass_from, field, jnp.arange(0, whole, ECHOES_A_PASS, dtype=jnp.int32))
     if whole < count:
         field = add(field, jax.tree.map(lambda one: one[whole:], echoes))
     carried = jnp.asarray(interpolation(nodes_m, step_m, range_m), dtype)

@@ -25,8 +25,8 @@ Value = TypeVar("Value")
 class Effect(Settings):
     """One thing that a scene may call for.
 
-    What it does is its stage's to say: most are called with what the stage holds, what is known beside it, and a random
-    key, and give the same changed; a running average, a limit and range walk have forms of their own.
+    It is called with what its stage holds, what is known beside it, and a random key, and gives the same changed. Which
+    stages there are is the kind of scene's to say.
 
     - `name`: what scene files and tables call it.
     - `stage`: which part of the simulation it changes.

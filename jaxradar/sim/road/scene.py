@@ -5,18 +5,17 @@ from __future__ import annotations
 from typing import ClassVar
 
 import equinox as eqx
-import jax
-import numpy as np
 
-from jaxradar._settings import Settings, setting, shape_setting
+from jaxradar._settings import Settings, is_plain, setting, shape_setting
 from jaxradar._types import Setting
-from jaxradar.sim.motion import CarMotion
 from jaxradar.sim.radar import Radar
-from jaxradar.sim.road.elements import RoadElement
+from jaxradar.sim.road.effect import RoadEffect
+from jaxradar.sim.road.effects.sampling import Thinning
+from jaxradar.sim.road.elements import RoadElement, StepDown, StepUp
+from jaxradar.sim.road.motion import CarMotion
 from jaxradar.sim.road.roughness import Roughness
-from jaxradar.sim.scene import Effect
-from jaxradar.sim.surface import SURFACES, Surface
-from jaxradar.sim.vehicle import Vehicle
+from jaxradar.sim.road.surface import SURFACES, Surface
+from jaxradar.sim.road.vehicle import Vehicle
 
 __all__ = ["Mount", "RoadScene"]
 
@@ -49,22 +48,38 @@ class RoadScene(Settings):
     roughness: Roughness | None = None
     motion: CarMotion = eqx.field(default_factory=CarMotion)
     vehicle: Vehicle | None = None
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[RoadEffect, ...] = ()
     spacing_m: float = shape_setting(0.006, 1e-4, 0.1, "m", "between two scatterers along the road")
     half_width_m: float = shape_setting(0.5, 0.0, 5.0, "m", "of the strip of road that reflects")
 
     def __check_init__(self) -> None:
-        seen: set[type[Effect]] = set()
+        seen: set[type[RoadEffect]] = set()
         for effect in self.effects:
+            if not isinstance(effect, RoadEffect):
+                raise ValueError(f"`RoadScene(effects=...)` takes effects of a road; got {type(effect).__name__}.")
             if effect.alone and type(effect) in seen:
                 raise ValueError(f"`RoadScene(effects=...)` may hold one `{effect.name}`; got two.")
             seen.add(type(effect))
-        for element in self.road:
-            height, most = element.step_m, self.mount.height_m
-            if any(isinstance(one, jax.core.Tracer) or np.ndim(one) for one in (height, most)):
-                continue
-            if height >= most:
+        for effect in self.effects:
+            if isinstance(effect, Thinning) and effect.bins > self.radar.bins:
                 raise ValueError(
-                    f"`RoadScene(road=...)` must not be higher than the sensor, {float(most):g} m; "
-                    f"got a {element.name} of {float(height):g} m."
+                    f"`RoadScene(effects=...)`: thinning must keep at most the radar's {self.radar.bins} bins; "
+                    f"got {effect.bins}."
                 )
+        self._check_heights()
+
+    def _check_heights(self) -> None:
+        """A car on springs climbs what it drives over; one without keeps its height, and steps add up under it."""
+        settings = [one for element in self.road for one in (element.at_m, element.step_m)]
+        if not all(map(is_plain, [*settings, self.mount.height_m])):
+            return
+        level, most = 0.0, float(self.mount.height_m)
+        for element in sorted(self.road, key=lambda one: float(one.at_m)):
+            top = level + float(element.step_m)
+            if top >= most:
+                raise ValueError(
+                    f"`RoadScene(road=...)` must not be higher than the sensor, {most:g} m; "
+                    f"got {top:g} m with a {element.name} of {float(element.step_m):g} m."
+                )
+            if self.vehicle is None and isinstance(element, StepUp | StepDown):
+                level = top

@@ -20,19 +20,18 @@ from jaxradar._types import Setting
 
 __all__ = ["VEHICLES", "HalfCar", "QuarterCar", "Ride", "Vehicle", "ride"]
 
-TOGETHER = 32  # moments of a ride that are worked out at once
+MOMENTS = 32  # moments of a ride that are worked out at once
 
 Times = Float[Array, " times"]
 
 
 class Ride(NamedTuple):
-    """Of the body over time: rise and rate of rise of the sensor (m, m/s), pitch (rad, nose up) and its rate, vertical
-    acceleration of the body over the front axle and of the front wheels (m/s²)."""
+    """Of the body over time: rise and rate of rise of the sensor (m, m/s), pitch (rad, nose up), vertical acceleration
+    of the body over the front axle and of the front wheels (m/s²)."""
 
     rise_m: Times
     rise_m_s: Times
     pitch_rad: Times
-    pitch_rad_s: Times
     body_m_s2: Times
     wheel_m_s2: Times
 
@@ -209,30 +208,29 @@ def ride(system: System, inputs: Float[Array, "times inputs"], step_s: float) ->
     )
     start = -jnp.linalg.solve(system.a, system.b @ inputs[0])
     pushes = inputs[:-1] @ hold.T + (inputs[1:] - inputs[:-1]) @ slope.T
-    states_over_time = _driven(phi, start, pushes)
+    states_over_time = _recurrence(phi, start, pushes)
     rates = states_over_time @ system.a.T + inputs @ system.b.T
     pick = lambda row, values: values @ row  # noqa: E731
     return Ride(
         pick(system.rise, states_over_time),
         pick(system.rise, rates),
         pick(system.pitch, states_over_time),
-        pick(system.pitch, rates),
         pick(system.body, rates),
         pick(system.wheel, rates),
     )
 
 
-def _driven(
+def _recurrence(
     phi: Float[Array, "states states"], start: Float[Array, " states"], pushes: Float[Array, "steps states"]
 ) -> Float[Array, "times states"]:
-    """x₊ = Φ x + p from `start` on, `TOGETHER` steps at a time: what the pushes of a block do within it is one product
+    """x₊ = Φ x + p from `start` on, `MOMENTS` steps at a time: what the pushes of a block do within it is one product
     with the powers of Φ, so that only the states between blocks wait for each other."""
     steps, states = pushes.shape
-    blocks = -(-steps // TOGETHER)
-    pushes = jnp.pad(pushes, ((0, blocks * TOGETHER - steps), (0, 0))).reshape(blocks, TOGETHER, states)
+    blocks = -(-steps // MOMENTS)
+    pushes = jnp.pad(pushes, ((0, blocks * MOMENTS - steps), (0, 0))).reshape(blocks, MOMENTS, states)
     unit = jnp.eye(states, dtype=phi.dtype)
-    _, powers = jax.lax.scan(lambda power, _: (phi @ power, power), unit, length=TOGETHER + 1)
-    age = np.subtract.outer(np.arange(TOGETHER), np.arange(TOGETHER))
+    _, powers = jax.lax.scan(lambda power, _: (phi @ power, power), unit, length=MOMENTS + 1)
+    age = np.subtract.outer(np.arange(MOMENTS), np.arange(MOMENTS))
     answers = jnp.where((age >= 0)[:, :, None, None], powers[np.maximum(age, 0)], 0.0)
     forced = jnp.einsum("kjab,mjb->mka", answers, pushes)
 
@@ -241,7 +239,7 @@ def _driven(
 
     _, begins = jax.lax.scan(step, start, forced[:, -1])
     after = jnp.einsum("kab,mb->mka", powers[1:], begins) + forced
-    return jnp.concatenate([start[None], after.reshape(blocks * TOGETHER, states)[:steps]])
+    return jnp.concatenate([start[None], after.reshape(blocks * MOMENTS, states)[:steps]])
 
 
 VEHICLES: dict[str, type[Vehicle]] = {kind.name: kind for kind in (QuarterCar, HalfCar)}

@@ -5,17 +5,17 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray, UInt
+from jaxtyping import PRNGKeyArray
 
 from jaxradar._settings import setting, shape_setting
 from jaxradar._types import Setting
 from jaxradar.drive import FULL_SCALE
-from jaxradar.sim.scene import Effect
+from jaxradar.sim.road.effect import Counts, RoadEffect
 
 __all__ = ["Gain", "Quantisation", "Saturation"]
 
 
-class Gain(Effect):
+class Gain(RoadEffect):
     """The receiver's gain setting, relative to the usual 0.5 of the maker's documentation: echoes and noise alike."""
 
     name: ClassVar[str] = "gain"
@@ -24,11 +24,11 @@ class Gain(Effect):
 
     factor: Setting = setting(1.0, 0.0, 100.0, "", "of all amplitudes")
 
-    def __call__(self, value: Float[Array, "*shape"], context: Any, key: PRNGKeyArray) -> Float[Array, "*shape"]:
-        return value * jnp.asarray(self.factor, value.dtype)
+    def __call__(self, value: Counts, context: Any, key: PRNGKeyArray) -> Counts:
+        return value._replace(values=value.values * jnp.asarray(self.factor, value.values.dtype))
 
 
-class Saturation(Effect):
+class Saturation(RoadEffect):
     """Amplitudes end at full scale, and the sweep is flagged, as the sensor does."""
 
     name: ClassVar[str] = "saturation"
@@ -38,14 +38,12 @@ class Saturation(Effect):
 
     full_scale: Setting = setting(float(FULL_SCALE), 1.0, float(FULL_SCALE), "counts", "the largest number")
 
-    def __call__(
-        self, value: Float[Array, "sweeps bins"], context: Any, key: PRNGKeyArray
-    ) -> tuple[Float[Array, "sweeps bins"], Bool[Array, " sweeps"]]:
-        full = jnp.asarray(self.full_scale, value.dtype)
-        return jnp.minimum(value, full), jnp.any(value >= full, axis=-1)
+    def __call__(self, value: Counts, context: Any, key: PRNGKeyArray) -> Counts:
+        full = jnp.asarray(self.full_scale, value.values.dtype)
+        return Counts(jnp.minimum(value.values, full), jnp.any(value.values >= full, axis=-1))
 
 
-class Quantisation(Effect):
+class Quantisation(RoadEffect):
     """Whole multiples of a step, as uint16: 8 counts in the thesis's table C.1, 1 in the maker's own recordings."""
 
     name: ClassVar[str] = "quantisation"
@@ -55,6 +53,7 @@ class Quantisation(Effect):
 
     step: int = shape_setting(8, 1, 4096, "counts", "distance of two amplitudes")
 
-    def __call__(self, value: Float[Array, "*shape"], context: Any, key: PRNGKeyArray) -> UInt[Array, "*shape"]:
+    def __call__(self, value: Counts, context: Any, key: PRNGKeyArray) -> Counts:
         most = FULL_SCALE // self.step * self.step
-        return jnp.clip(jnp.round(value / self.step) * self.step, 0, most).astype(jnp.uint16)
+        rounded = jnp.clip(jnp.round(value.values / self.step) * self.step, 0, most)
+        return value._replace(values=rounded.astype(jnp.uint16))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
@@ -12,12 +13,13 @@ from jaxradar._settings import setting, shape_setting
 from jaxradar._types import Setting
 from jaxradar.signal.pulses import SIGMA_PER_FWHM
 from jaxradar.sim.radar import Radar
-from jaxradar.sim.scene import Effect
+from jaxradar.sim.road.echoes import Paths
+from jaxradar.sim.road.effect import RoadEffect, SweepContext
 
 __all__ = ["RangeSmoothing", "RangeWalk", "RunningAverage", "Thinning"]
 
 
-class Thinning(Effect):
+class Thinning(RoadEffect):
     """Every n-th bin as the lab's program keeps them, out[i] = data[len·i // bins] (thesis, listing C.1, line 243). The
     log states an even axis, so that a bin lies up to one of the sensor's own from where it is said to be."""
 
@@ -30,13 +32,12 @@ class Thinning(Effect):
     def __call__(self, value: np.ndarray, context: Any, key: PRNGKeyArray) -> np.ndarray:
         return value[len(value) * np.arange(self.bins) // self.bins]
 
-    def stated(self, value: np.ndarray) -> np.ndarray:
-        """The axis that the log gives to the bins that are kept."""
-        step = (value[1] - value[0]) * len(value) / self.bins
-        return value[0] + step * np.arange(self.bins)
+    def stated(self, range_m: np.ndarray) -> np.ndarray:
+        step = (range_m[1] - range_m[0]) * len(range_m) / self.bins
+        return range_m[0] + step * np.arange(self.bins)
 
 
-class RangeSmoothing(Effect):
+class RangeSmoothing(RoadEffect):
     """The low-pass along range that the sensor puts on the envelope (the maker documents that it disturbs the first
     centimetres of a sweep): a Gaussian mean of magnitudes, each with noise of its own, `grain_m` apart.
 
@@ -52,33 +53,47 @@ class RangeSmoothing(Effect):
     grain_m: float = shape_setting(0.007, 1e-4, 1.0, "m", "distance of magnitudes with noise of their own")
 
     def places(self, range_m: np.ndarray) -> np.ndarray:
-        """Where magnitudes are taken for an envelope at `range_m`."""
         margin = 3.0 * SIGMA_PER_FWHM * self.width_m
         return np.arange(range_m[0] - margin, range_m[-1] + margin + self.grain_m, self.grain_m)
 
-    def __call__(self, value: Float[Array, " places"], context: Any, key: PRNGKeyArray) -> Float[Array, " bins"]:
-        """`value`: at `places(context)`; `context`: the range axis that is wanted."""
-        offset = (context[None, :] - self.places(context)[:, None]) / (SIGMA_PER_FWHM * self.width_m)
+    def __call__(
+        self, value: Float[Array, " places"], context: SweepContext, key: PRNGKeyArray
+    ) -> Float[Array, " bins"]:
+        offset = (context.bins_m[None, :] - context.range_m[:, None]) / (SIGMA_PER_FWHM * self.width_m)
         kernel = np.exp(-0.5 * offset**2)
         return value @ jnp.asarray(kernel / kernel.sum(axis=0), value.dtype)
 
 
-class RangeWalk(Effect):
+class RangeWalk(RoadEffect):
     """Bins that are sampled one after the other: while a sweep of 1 to 3 ms (assumed) goes on, an echo that closes in
     at 5.9 m/s moves by 6 to 18 mm. A term of first order in the echo's range rate, in place and in phase."""
 
     name: ClassVar[str] = "range-walk"
-    stage: ClassVar[str] = "walk"
+    stage: ClassVar[str] = "sampling"
+    needs_rates: ClassVar[bool] = True
     explains: ClassVar[str] = "echoes that lie nearer, and are fainter, the faster they close in"
 
     sweep_s: Setting = setting(0.002, 0.0, 0.1, "s", "from the first bin to the last")
 
-    def later(self, radar: Radar) -> Setting:
-        """How much later a bin is sampled for each metre of range; s/m."""
+    def __call__(self, value: Paths, context: SweepContext, key: PRNGKeyArray) -> Paths:
+        """An echo whose range changes at rate v is found at r + v t(r), t being when its bin is sampled, and its phase
+        turns by −4π v/λ for each second, so from bin to bin."""
+        assert value.rate_m_s is not None
+        dtype = value.range_m.dtype
+        walk = value.rate_m_s * jnp.asarray(self._later_s_per_m(context.radar), dtype)
+        slope = -4.0 * math.pi / jnp.asarray(context.radar.wavelength_m, dtype) * walk
+        return value._replace(range_m=value.range_m + walk * (value.range_m - context.radar.start_m), slope=slope)
+
+    def turn_rad_m(self, radar: Radar, speed_m_s: float) -> float:
+        shortest = float(np.min(radar.wavelength_m))
+        return 4.0 * math.pi / shortest * float(np.max(self._later_s_per_m(radar))) * speed_m_s
+
+    def _later_s_per_m(self, radar: Radar) -> Setting:
+        """How much later a bin is sampled for each metre of range."""
         return self.sweep_s / (radar.bin_m * (radar.bins - 1))
 
 
-class RunningAverage(Effect):
+class RunningAverage(RoadEffect):
     """The sensor's own exponential smoothing of the envelope from sweep to sweep; its default factor is 0.7 (maker's
     documentation of the envelope service), the thesis sets 0. It begins with the first sweep as it is."""
 
@@ -89,11 +104,10 @@ class RunningAverage(Effect):
     factor: Setting = setting(0.7, 0.0, 0.999, "", "share of what was before")
 
     def __call__(
-        self, last: Float[Array, " bins"], sweeps: Float[Array, "sweeps bins"]
-    ) -> tuple[Float[Array, " bins"], Float[Array, "sweeps bins"]]:
-        """What a block of sweeps becomes after the smoothed sweep before it; also the last of them."""
-        dtype = sweeps.dtype
-        number = np.arange(sweeps.shape[0])
+        self, value: Float[Array, "sweeps bins"], context: Float[Array, " bins"], key: PRNGKeyArray
+    ) -> Float[Array, "sweeps bins"]:
+        dtype = value.dtype
+        number = np.arange(value.shape[0])
         factor = jnp.asarray(self.factor, dtype)
         ages = jnp.asarray(np.maximum(number[:, None] - number[None, :], 0), dtype)
         recent = jnp.asarray(number[:, None] >= number[None, :])
@@ -101,5 +115,4 @@ class RunningAverage(Effect):
         powers = jnp.where(ages > 0, factor ** jnp.maximum(ages, 1.0), 1.0)
         kernel = jnp.where(recent, (1.0 - factor) * powers, 0.0)
         kept = factor ** jnp.asarray(number + 1, dtype)
-        smoothed = kernel @ sweeps + kept[:, None] * last
-        return smoothed[-1], smoothed
+        return kernel @ value + kept[:, None] * context

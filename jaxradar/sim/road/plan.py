@@ -11,9 +11,8 @@ import numpy as np
 
 from jaxradar._errors import ConfigError
 from jaxradar.signal.pulses import SIGMA_PER_FWHM
-from jaxradar.sim.effects import RangeWalk
-from jaxradar.sim.motion import along
-from jaxradar.sim.radar import TOGETHER, reach_of
+from jaxradar.sim.radar import ECHOES_A_PASS, reach_of
+from jaxradar.sim.road.motion import along
 from jaxradar.sim.road.scene import RoadScene
 
 __all__ = ["Plan", "plan_scene"]
@@ -78,7 +77,7 @@ def plan_scene(scene: RoadScene) -> Plan:
     height = least(mount.height_m)
     ahead_m = math.sqrt(max(end_m**2 - height**2, 0.0)) if end_m > height else 0.0
     behind_m = min(0.6 * widest(mount.height_m), end_m)
-    visible = TOGETHER * math.ceil(((ahead_m + behind_m) / scene.spacing_m + 2) / TOGETHER)
+    visible = ECHOES_A_PASS * math.ceil(((ahead_m + behind_m) / scene.spacing_m + 2) / ECHOES_A_PASS)
     first = math.floor((nearest - behind_m) / scene.spacing_m) - 1
     points = math.ceil((farthest - nearest) / scene.spacing_m) + visible + 4
     if points > MOST_POINTS:
@@ -110,11 +109,7 @@ def _block(sweeps: int) -> int:
 def _widening(scene: RoadScene, fwhm_m: float, speed_m_s: float) -> float:
     """How many times wider the field's band is than the pulse's: bins that are sampled one after the other turn the
     phase of what closes in, 4π v/λ for each second, and so shift its band."""
-    turn_rad_m = 0.0
-    for effect in scene.effects:
-        if isinstance(effect, RangeWalk):
-            shortest = float(np.min(scene.radar.wavelength_m))
-            later = float(np.max(effect.later(scene.radar)))
-            turn_rad_m = 4.0 * math.pi / shortest * later * (speed_m_s + MOST_CLIMB_M_S)
+    fastest = speed_m_s + MOST_CLIMB_M_S
+    turn_rad_m = sum(effect.turn_rad_m(scene.radar, fastest) for effect in scene.effects)
     # In steps, so that scenes of nearly one speed share a program.
     return 1.0 + 0.25 * math.ceil(4.0 * turn_rad_m * SIGMA_PER_FWHM * fwhm_m / BAND)

@@ -14,12 +14,12 @@ from jaxradar._settings import setting, shape_setting
 from jaxradar._types import Setting
 from jaxradar.signal.pulses import SIGMA_PER_FWHM
 from jaxradar.sim.radar import Field
-from jaxradar.sim.scene import Effect
+from jaxradar.sim.road.effect import RoadEffect
 
 __all__ = ["DirectLeakage", "Interference", "ReceiverNoise"]
 
 
-class DirectLeakage(Effect):
+class DirectLeakage(RoadEffect):
     """What goes from the transmitting antenna straight into the receiving one: A exp(−(r/l)²) with a constant phase.
     The maker gives its reach, about 0.06, 0.10, 0.18, 0.36 and 0.60 m for profiles 1 to 5; the amplitude is assumed."""
 
@@ -36,7 +36,7 @@ class DirectLeakage(Effect):
         return value._replace(real=value.real + jnp.asarray(self.amplitude, dtype) * jnp.exp(-(share**2)))
 
 
-class ReceiverNoise(Effect):
+class ReceiverNoise(RoadEffect):
     """Complex Gaussian noise, so that the envelope of nothing is Rayleigh: 164 counts give the mean of 206 of the
     thesis's table C.1 (whose spread, 89, is less than the Rayleigh's 107).
 
@@ -70,7 +70,7 @@ def _shaping(range_m: np.ndarray, width_m: float) -> np.ndarray:
     return shape / np.sqrt(np.sum(shape**2, axis=0))
 
 
-class Interference(Effect):
+class Interference(RoadEffect):
     """Another sensor of the kind near by: its pulses are not in step, so that now and then a sweep holds a burst of
     them somewhere (assumed; 60 GHz sensors of one maker do not coordinate)."""
 

@@ -7,8 +7,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,24 +15,21 @@ import numpy as np
 
 from jaxradar._numerics import compiled
 from jaxradar.drive import NANOSECONDS, Channel, Drive, Motion, Mounting, RoadStep, SensorSeries, SweepFlag, Truth
-from jaxradar.sim.effects import Thinning
-from jaxradar.sim.motion import along, bend
-from jaxradar.sim.plan import FINE_S, FINE_START_S, Plan, plan_scene
 from jaxradar.sim.radar import range_axis
-from jaxradar.sim.render import render
+from jaxradar.sim.road.motion import along, bend
+from jaxradar.sim.road.plan import FINE_S, FINE_START_S, Plan, plan_scene
+from jaxradar.sim.road.render import render
 from jaxradar.sim.road.scene import RoadScene
 from jaxradar.sim.road.tyre import contact_m
+from jaxradar.sim.road.vehicle import QuarterCar
 
 __all__ = ["HARD_M_S2", "drive_seeds", "simulate", "simulate_batch", "simulate_each"]
 
-Made = TypeVar("Made")
-
 HARD_M_S2 = 15.0  # what the thesis calls a step that matters (section 6.2)
-TOGETHER = 4  # scenes of one structure that are rendered in one call: more take longer each
-THREADS = min(2, os.cpu_count() or 1)  # at once: what one render leaves idle of the processor, another one uses
+# At once: a render keeps about one and a half cores busy, and what it leaves idle another one uses.
+THREADS = max(1, round(0.7 * (os.cpu_count() or 1)) + 1) if (os.cpu_count() or 1) > 1 else 1
 
 _one = compiled(lambda plan, scene, key: render(plan, scene, key), static_argnums=0)
-_many = compiled(lambda plan, scenes, keys: jax.vmap(partial(render, plan))(scenes, keys), static_argnums=0)
 
 
 def drive_seeds(seed: int, count: int) -> list[int]:
@@ -48,48 +44,45 @@ def simulate(scene: RoadScene, seed: int = 0) -> Drive:
     far as the scene has them; its truth the steps, when each wheel touches them, and how hard. Raises `ConfigError` for
     a scene that is too large.
     """
-    plan = plan_scene(scene)
+    return _simulated(plan_scene(scene), scene, seed)
+
+
+def simulate_batch(scenes: Sequence[RoadScene], seeds: Sequence[int]) -> list[Drive]:
+    """`simulate_each`, all drives at once in memory."""
+    return list(simulate_each(scenes, seeds))
+
+
+def simulate_each(scenes: Sequence[RoadScene], seeds: Sequence[int]) -> Iterator[Drive]:
+    """`simulate` for each pair of scene and seed, in order, by one program, a few at once; no more drives are held than
+    that.
+
+    Raises `ValueError` for scenes that differ in more than the values of their settings, `ConfigError` for scenes that
+    are too large.
+    """
+    if len(scenes) != len(seeds):
+        raise ValueError(f"expected a seed for each scene; got {len(scenes)} scenes and {len(seeds)} seeds.")
+    if not scenes:
+        return iter(())
+    form: Any = jax.tree.structure(scenes[0])
+    for place, scene in enumerate(scenes):
+        if jax.tree.structure(scene) != form:
+            raise ValueError(f"scene {place} differs from scene 0 in more than the values of its settings.")
+    different = list({id(scene): scene for scene in scenes}.values())
+    plan = plan_scene(
+        different[0] if len(different) == 1 else jax.tree.map(lambda *leaves: np.stack(leaves), *different)
+    )
+    return _side_by_side(lambda place: _simulated(plan, scenes[place], seeds[place]), range(len(scenes)))
+
+
+def _simulated(plan: Plan, scene: RoadScene, seed: int) -> Drive:
     with jax.enable_x64(True):
         found = _one(plan, scene, jax.random.key(seed))
         return _drive(plan, scene, jax.tree.map(np.asarray, found))
 
 
-def simulate_batch(scenes: Sequence[RoadScene], seeds: Sequence[int]) -> list[Drive]:
-    """`simulate` for each pair of scene and seed, scenes of one structure side by side.
-
-    Raises `ValueError` for scenes that differ in more than the values of their settings.
-    """
-    if len(scenes) != len(seeds):
-        raise ValueError(f"expected a seed for each scene; got {len(scenes)} scenes and {len(seeds)} seeds.")
-    if not scenes:
-        return []
-    form: Any = jax.tree.structure(scenes[0])
-    for place, scene in enumerate(scenes):
-        if jax.tree.structure(scene) != form:
-            raise ValueError(f"scene {place} differs from scene 0 in more than the values of its settings.")
-    plan = plan_scene(jax.tree.map(lambda *leaves: np.stack(leaves), *scenes))
-    size = min(TOGETHER, len(scenes))
-
-    def part(low: int) -> list[Drive]:
-        # The last part is filled up with its last scene, so that all have one program.
-        places = [min(place, len(scenes) - 1) for place in range(low, low + size)]
-        stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *(scenes[place] for place in places))
-        with jax.enable_x64(True):
-            keys = jax.vmap(jax.random.key)(jnp.asarray([seeds[place] for place in places]))
-            found = jax.tree.map(np.asarray, _many(plan, stacked, keys))
-            return [_drive(plan, scene, _picked(found, i)) for i, scene in enumerate(scenes[low : low + size])]
-
-    return [drive for drives in _side_by_side(part, range(0, len(scenes), size)) for drive in drives]
-
-
-def simulate_each(scene: RoadScene, seeds: Iterable[int]) -> Iterator[Drive]:
-    """`simulate` with one seed after the other, a few at once; no more drives are held than that."""
-    yield from _side_by_side(lambda seed: simulate(scene, seed), seeds)
-
-
-def _side_by_side(work: Callable[[int], Made], items: Iterable[int]) -> Iterator[Made]:
+def _side_by_side(work: Callable[[int], Drive], items: Iterable[int]) -> Iterator[Drive]:
     """Results in order, `THREADS` at once; the first alone, as it compiles."""
-    waiting: deque[Future[Made]] = deque()
+    waiting: deque[Future[Drive]] = deque()
     left = iter(items)
     with ThreadPoolExecutor(THREADS) as pool:
         for first in left:
@@ -103,10 +96,6 @@ def _side_by_side(work: Callable[[int], Made], items: Iterable[int]) -> Iterator
             yield waiting.popleft().result()
 
 
-def _picked(tree: Any, which: int | slice) -> Any:
-    return jax.tree.map(lambda one: one[which], tree)
-
-
 def _drive(plan: Plan, scene: RoadScene, found: Any) -> Drive:
     """`found`: what `render` gave, as NumPy arrays."""
     clock = found.clock
@@ -116,8 +105,7 @@ def _drive(plan: Plan, scene: RoadScene, found: Any) -> Drive:
     start, begin = (recorded[0], taken[0]) if len(taken) else (0.0, 0.0)
     range_m = range_axis(scene.radar)
     for effect in scene.effects:
-        if isinstance(effect, Thinning):
-            range_m = effect.stated(range_m)
+        range_m = effect.stated(range_m)
     flags = np.where(found.saturated[kept], np.uint16(SweepFlag.SATURATED), np.uint16(0)).astype(np.uint16)
     pace = float(clock.motion_pace)
     times = _nanoseconds((taken - begin) * pace)
@@ -155,18 +143,19 @@ def _motion(scene: RoadScene, found: Any, taken_s: np.ndarray, times_ns: np.ndar
     return Motion(acceleration_m_s2=body, yaw_rate_rad_s=yaw, speed_m_s=Channel(times_ns, speed))
 
 
-def _fine_times(held: Any) -> np.ndarray:
-    return FINE_START_S + FINE_S * np.arange(len(held.body_m_s2))
+def _fine_times(count: int) -> np.ndarray:
+    """The moments at which the car's motion is worked out; s."""
+    return FINE_START_S + FINE_S * np.arange(count)
 
 
 def _steps(plan: Plan, scene: RoadScene, found: Any, begin_s: float) -> tuple[RoadStep, ...]:
     """Every element that the front wheels touch while the drive lasts, and when each wheel does."""
-    fine_s = FINE_START_S + FINE_S * np.arange(plan.fine_steps)
+    fine_s = _fine_times(plan.fine_steps)
     path = np.asarray(along(scene.motion, jnp.asarray(fine_s)).path_m)
-    mount, vehicle = scene.mount, scene.vehicle
-    radius = 0.2 if vehicle is None else float(vehicle.tyre_radius_m)
-    half_track = 0.5 if vehicle is None else float(vehicle.half_track_m)
-    base = 1.6 if vehicle is None else float(vehicle.wheelbase_m)
+    mount, vehicle = scene.mount, scene.vehicle or QuarterCar()  # wheels are there without springs too
+    radius, half_track, base = (
+        float(one) for one in (vehicle.tyre_radius_m, vehicle.half_track_m, vehicle.wheelbase_m)
+    )
     steps = []
     for element in scene.road:
         height = float(element.step_m)
@@ -215,7 +204,8 @@ def _shock(found: Any, impact_s: float, within_s: float = 0.3) -> tuple[float | 
     """Of the body's vertical acceleration soon after an impact: the largest, and when it first is `HARD_M_S2`."""
     if found.ride is None:
         return None, None
-    times, values = _fine_times(found.ride), np.abs(found.ride.body_m_s2)
+    values = np.abs(found.ride.body_m_s2)
+    times = _fine_times(len(values))
     soon = (times >= impact_s) & (times <= impact_s + within_s)
     if not soon.any():
         return None, None

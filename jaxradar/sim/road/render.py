@@ -14,35 +14,26 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray, Shaped
 
 from jaxradar._types import Sweep
 from jaxradar.sim.clock import Clock
-from jaxradar.sim.corner import Wall
-from jaxradar.sim.echoes import Paths, Pose, corner_paths, ground_paths, to_echoes
-from jaxradar.sim.ground import lay_points, road_height, visible_points
-from jaxradar.sim.motion import along, bend
-from jaxradar.sim.plan import FINE_S, FINE_START_S, Plan
-from jaxradar.sim.radar import Field, Radar, envelope, field_of, nodes_of, range_axis
+from jaxradar.sim.radar import Field, envelope, field_of, nodes_of, range_axis
+from jaxradar.sim.road.corner import Wall
+from jaxradar.sim.road.echoes import Paths, Pose, corner_paths, ground_paths, to_echoes
+from jaxradar.sim.road.effect import Counts, SweepContext
 from jaxradar.sim.road.elements import Face, RoadElement, beyond_edge
+from jaxradar.sim.road.ground import lay_points, road_height, visible_points
+from jaxradar.sim.road.motion import along, bend
+from jaxradar.sim.road.plan import FINE_S, FINE_START_S, Plan
 from jaxradar.sim.road.roughness import RoughnessTable, rough_table
 from jaxradar.sim.road.scene import RoadScene
+from jaxradar.sim.road.surface import Surface
 from jaxradar.sim.road.tyre import wheel_height
-from jaxradar.sim.scene import named_stream, of_stage, through
-from jaxradar.sim.surface import Surface
-from jaxradar.sim.vehicle import Ride, ride
+from jaxradar.sim.road.vehicle import Ride, ride
+from jaxradar.sim.scene import named_stream, through
 
-__all__ = ["Rendered", "SweepContext", "render"]
-
-
-class SweepContext(NamedTuple):
-    """What an effect may know of the sweep that it changes. `range_m`: where the field is taken."""
-
-    radar: Radar
-    taken_s: Array
-    range_m: np.ndarray
-    pose: Pose
+__all__ = ["Rendered", "render"]
 
 
 class Rendered(NamedTuple):
@@ -69,18 +60,16 @@ def render(plan: Plan, scene: RoadScene, key: PRNGKeyArray, dtype: Any = jnp.flo
     numbers = jnp.arange(blocks * plan.block).reshape(blocks, plan.block)
     one = partial(_one_sweep, plan, scene, ready, key, dtype)
 
-    averages = list(of_stage(scene.effects, "average", key))
-    if averages:
-        average = averages[0][0]
-        first = jax.vmap(one)(numbers[0, :1])[0]
+    made = lambda block: jax.vmap(one)(jnp.minimum(block, plan.sweeps - 1))  # noqa: E731
+    if any(effect.stage == "average" for effect in scene.effects):
 
-        def step(last: Array, block: Array) -> tuple[Array, tuple[Array, Array]]:
-            last, smoothed = average(last, jax.vmap(one)(jnp.minimum(block, plan.sweeps - 1)))
-            return last, _counted(scene, smoothed, key)
+        def step(last: Array, block: Array) -> tuple[Array, Counts]:
+            averaged = through(scene.effects, "average", made(block), last, key)
+            return averaged[-1], _counted(scene, averaged, key)
 
-        _, (sweeps, saturated) = jax.lax.scan(step, first, numbers)
+        _, (sweeps, saturated) = jax.lax.scan(step, made(numbers[0, :1])[0], numbers)
     else:
-        sweeps, saturated = jax.lax.map(lambda block: _counted(scene, jax.vmap(one)(block), key), numbers)
+        sweeps, saturated = jax.lax.map(lambda block: _counted(scene, made(block), key), numbers)
     cut = lambda values: values.reshape(blocks * plan.block, *values.shape[2:])[: plan.sweeps]  # noqa: E731
     acceleration = None
     if ready.ride is not None:
@@ -112,7 +101,7 @@ def _prepare(plan: Plan, scene: RoadScene, key: PRNGKeyArray, dtype: Any) -> _Re
         rough = rough_table(
             scene.roughness, low, low + plan.points * scene.spacing_m + 20.0, named_stream(key, "rough")
         )
-    driven = None if scene.vehicle is None else _driven(plan, scene, rough)
+    driven = None if scene.vehicle is None else _ride_of(plan, scene, rough)
 
     surface, ground = scene.surface, None
     if surface is not None:
@@ -143,7 +132,7 @@ def _prepare(plan: Plan, scene: RoadScene, key: PRNGKeyArray, dtype: Any) -> _Re
     )
 
 
-def _driven(plan: Plan, scene: RoadScene, rough: RoughnessTable | None) -> Ride:
+def _ride_of(plan: Plan, scene: RoadScene, rough: RoughnessTable | None) -> Ride:
     """The ride over the road that the radar sees, front and rear, left and right wheels each on its own track."""
     vehicle = scene.vehicle
     assert vehicle is not None
@@ -200,8 +189,8 @@ def _wall(
     angle = jnp.broadcast_to(jnp.asarray(element.oblique_deg) * (math.pi / 180.0), path_m.shape)
     ahead = face.at_m - beyond_edge(element, path_m, pose.lateral_m)
     foot_x, foot_y = path_m + ahead * jnp.cos(angle), pose.lateral_m + ahead * jnp.sin(angle)
-    inch = 1e-6  # to either side of the face
-    before = road_height(scene.road, rough, foot_x - inch * jnp.cos(angle), foot_y - inch * jnp.sin(angle))
+    nudge_m = 1e-6  # to either side of the face
+    before = road_height(scene.road, rough, foot_x - nudge_m * jnp.cos(angle), foot_y - nudge_m * jnp.sin(angle))
     other = before + (face.height_m if face.rises else -face.height_m)
     low, high = (before, other) if face.rises else (other, before)
     return Wall(ahead, angle, low, high, jnp.broadcast_to(face.lean_rad, path_m.shape))
@@ -212,32 +201,26 @@ def _one_sweep(plan: Plan, scene: RoadScene, ready: _Ready, key: PRNGKeyArray, d
     here = lambda tree: jax.tree.map(lambda one: one[number].astype(dtype), tree)  # noqa: E731
     pose, walls = here(ready.pose), here(ready.walls)
     radar = scene.radar
-    range_m = range_axis(radar)
-    for effect, _ in of_stage(scene.effects, "axis", key):
-        range_m = effect(range_m, None, key)
-    bins_m, smoothing = range_m, [effect for effect, _ in of_stage(scene.effects, "smoothing", key)]
-    for effect in smoothing:
-        range_m = effect.places(bins_m)
-    context = SweepContext(radar, ready.clock.taken_s[number], range_m, pose)
+    bins_m = range_m = through(scene.effects, "axis", range_axis(radar), None, key)
+    for effect in scene.effects:
+        range_m = effect.places(range_m)
+    context = SweepContext(radar, ready.clock.taken_s[number], range_m, bins_m)
     field = Field(jnp.zeros(len(range_m), dtype), jnp.zeros(len(range_m), dtype))
     if ready.surface is not None:
-        assert ready.ground is not None
-        walks = [effect for effect, _ in of_stage(scene.effects, "walk", key)]
-        paths = _paths(plan, scene, ready, dtype, number, pose, walls, bool(walks))
-        paths = through(scene.effects, "paths", paths, context, key, number)
-        later = walks[0].later(radar) if walks else None
-        echoes = to_echoes(radar, paths, later)
+        rates = any(effect.needs_rates for effect in scene.effects)
+        paths = _paths(plan, scene, ready, number, pose, walls, rates)
+        for stage in ("paths", "sampling"):
+            paths = through(scene.effects, stage, paths, context, key, number)
         nodes_m, step_m = nodes_of(radar.start_m, float(range_axis(radar)[-1]), plan.fwhm_m, plan.widening)
-        field = field_of(echoes, nodes_m, step_m, range_m, radar.fwhm_m)
+        field = field_of(to_echoes(radar, paths), nodes_m, step_m, range_m, radar.fwhm_m)
     field = through(scene.effects, "field", field, context, key, number)
-    return through(scene.effects, "smoothing", envelope(field), bins_m, key)
+    return through(scene.effects, "smoothing", envelope(field), context, key, number)
 
 
 def _paths(
     plan: Plan,
     scene: RoadScene,
     ready: _Ready,
-    dtype: Any,
     number: Array,
     pose: Pose,
     walls: tuple[Wall, ...],
@@ -254,12 +237,9 @@ def _paths(
     return paths
 
 
-def _counted(
-    scene: RoadScene, envelopes: Any, key: PRNGKeyArray
-) -> tuple[Shaped[Array, "sweeps bins"], Bool[Array, " sweeps"]]:
+def _counted(scene: RoadScene, envelopes: Any, key: PRNGKeyArray) -> Counts:
     """Envelopes as the recorder keeps them, and which of them are saturated."""
-    values = through(scene.effects, "gain", envelopes, None, key)
-    saturated = jnp.zeros(values.shape[:1], bool)
-    for effect, _ in of_stage(scene.effects, "limit", key):
-        values, saturated = effect(values, None, key)
-    return through(scene.effects, "rounding", values, None, key), saturated
+    counts = Counts(envelopes, jnp.zeros(envelopes.shape[:1], bool))
+    for stage in ("gain", "limit", "rounding"):
+        counts = through(scene.effects, stage, counts, None, key)
+    return counts

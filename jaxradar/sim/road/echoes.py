@@ -10,13 +10,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxradar._numerics import angle_of, cosine_sine
-from jaxradar._types import Setting, Value
-from jaxradar.sim.corner import Wall, corner_area, corner_share, lit_share
-from jaxradar.sim.ground import Points as GroundPoints
+from jaxradar._types import Value
 from jaxradar.sim.radar import Echoes, Radar, reach_of
-from jaxradar.sim.surface import Surface, backscatter
+from jaxradar.sim.road.corner import Wall, corner_area, corner_share, lit_share
+from jaxradar.sim.road.ground import Points as GroundPoints
+from jaxradar.sim.road.surface import Surface, backscatter
 
-__all__ = ["Paths", "Pose", "beam", "corner_paths", "ground_paths", "to_echoes"]
+__all__ = ["Paths", "Pose", "corner_paths", "ground_paths", "to_echoes"]
 
 Points = Float[Array, "*points"]
 
@@ -38,16 +38,19 @@ class Pose(NamedTuple):
 
 class Paths(NamedTuple):
     """Ways to a reflector and back. `range_m`: slant range; `amplitude`: of its echo in counts; `real` and `imag`: what
-    reflection does to the phase; `rate_m_s`: how fast the range grows, None where no effect asks for it."""
+    reflection does to the phase; `rate_m_s`: how fast the range grows, None where no effect asks for it; `slope`: how
+    the phase turns from range to range in rad/m, None where a sweep's bins are sampled at once."""
 
     range_m: Points
     amplitude: Points
     real: Points
     imag: Points
     rate_m_s: Points | None = None
+    slope: Points | None = None
 
     def joined(self, other: Paths) -> Paths:
-        """Both together."""
+        """Both together, before their phases turn."""
+        assert self.slope is None and other.slope is None
         rate = None
         if self.rate_m_s is not None and other.rate_m_s is not None:
             rate = jnp.concatenate([self.rate_m_s, other.rate_m_s])
@@ -61,15 +64,11 @@ class Paths(NamedTuple):
         )
 
 
-def beam(radar: Radar, off_rad: Points, across_rad: Points) -> Points:
-    """Amplitude, both ways, at angles off the line of sight: exp(−4 ln 2 (θ/θ_hp)²) in each plane.
+def _beam_exponent(radar: Radar, off_rad: Points, across_rad: Points) -> Points:
+    """Logarithm of the amplitude, both ways, at angles off the line of sight: −4 ln 2 (θ/θ_hp)² in each plane.
 
     θ_hp is where the power is halved one way; power there and back, 2⁻², is an amplitude of 2⁻¹.
     """
-    return jnp.exp(_beam_exponent(radar, off_rad, across_rad))
-
-
-def _beam_exponent(radar: Radar, off_rad: Points, across_rad: Points) -> Points:
     dtype = off_rad.dtype
     vertical, lateral = (
         jnp.asarray(one, dtype) * (math.pi / 180.0) for one in (radar.vertical_beam_deg, radar.lateral_beam_deg)
@@ -156,20 +155,10 @@ def _window(radar: Radar, reach: Points) -> Points:
     return into**2 * (3.0 - 2.0 * into) * out**2 * (3.0 - 2.0 * out)
 
 
-def to_echoes(radar: Radar, paths: Paths, sweep_s_per_m: Setting | None = None) -> Echoes:
-    """With the phase that the way there and back gives, −4π r/λ.
-
-    `sweep_s_per_m`: how much later a bin is sampled for each metre that it lies further out. An echo whose range
-    changes at rate v is then found at r + v t(r), and its phase turns by −4π v/λ for each second, so from bin to bin.
-    """
+def to_echoes(radar: Radar, paths: Paths) -> Echoes:
+    """With the phase that the way there and back gives, −4π r/λ."""
     dtype = paths.range_m.dtype
-    per_m = 2.0 / jnp.asarray(radar.wavelength_m, dtype)
-    reach, slope = paths.range_m, None
-    if sweep_s_per_m is not None:
-        assert paths.rate_m_s is not None
-        walk = paths.rate_m_s * jnp.asarray(sweep_s_per_m, dtype)
-        reach = reach + walk * (reach - radar.start_m)
-        slope = -2.0 * math.pi * per_m * walk
-    cosine, sine = cosine_sine(reach * per_m)
+    cosine, sine = cosine_sine(paths.range_m * (2.0 / jnp.asarray(radar.wavelength_m, dtype)))
     cos, sin = paths.amplitude * cosine, -paths.amplitude * sine
-    return Echoes(reach, cos * paths.real - sin * paths.imag, cos * paths.imag + sin * paths.real, slope)
+    real, imag = cos * paths.real - sin * paths.imag, cos * paths.imag + sin * paths.real
+    return Echoes(paths.range_m, real, imag, paths.slope)

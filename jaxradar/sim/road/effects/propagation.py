@@ -8,18 +8,18 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
-from jaxradar._settings import setting
+from jaxradar._settings import in_order, setting
 from jaxradar._types import Setting
-from jaxradar.sim.echoes import Paths
-from jaxradar.sim.scene import Effect
-from jaxradar.sim.surface import Surface, reflectivity
+from jaxradar.sim.road.echoes import Paths
+from jaxradar.sim.road.effect import RoadEffect
+from jaxradar.sim.road.surface import Surface, reflectivity
 
 __all__ = ["LostEcho", "Multipath", "Rain", "TemperatureDrift", "WaterFilm"]
 
 _PER_DB = math.log(10.0) / 20.0  # of an amplitude
 
 
-class Multipath(Effect):
+class Multipath(RoadEffect):
     """Everything seen once more by a longer way, by way of the bumper for example; 6 cm and −10 dB are assumed."""
 
     name: ClassVar[str] = "multipath"
@@ -39,7 +39,7 @@ class Multipath(Effect):
         return value.joined(second)
 
 
-class LostEcho(Effect):
+class LostEcho(RoadEffect):
     """Nothing of the road comes back for a while: the sensor is covered, or turned away. 60 dB and edges of 20 ms are
     assumed."""
 
@@ -53,6 +53,9 @@ class LostEcho(Effect):
     level_db: Setting = setting(-60.0, -200.0, 0.0, "dB", "what is left of its amplitude")
     edge_s: Setting = setting(0.02, 1e-4, 10.0, "s", "how long going and coming take")
 
+    def __check_init__(self) -> None:
+        in_order("LostEcho", "start_s", self.start_s, "stop_s", self.stop_s)
+
     def __call__(self, value: Paths, context: Any, key: PRNGKeyArray) -> Paths:
         into = jnp.clip((context.taken_s - self.start_s) / self.edge_s, 0.0, 1.0)
         out = jnp.clip((context.taken_s - self.stop_s) / self.edge_s, 0.0, 1.0)
@@ -60,7 +63,7 @@ class LostEcho(Effect):
         return value._replace(amplitude=value.amplitude * level)
 
 
-class Rain(Effect):
+class Rain(RoadEffect):
     """Attenuation by drops, γ = 0.8606 R^0.7656 dB/km at 60 GHz and R mm/h (ITU-R P.838-3, horizontal): 0.01 dB for
     each metre in a cloudburst, so nothing over the ranges of a road sensor. `significant` says so."""
 
@@ -78,7 +81,7 @@ class Rain(Effect):
         return value._replace(amplitude=value.amplitude * jnp.exp(-2.0 * _PER_DB * per_m * value.range_m))
 
 
-class WaterFilm(Effect):
+class WaterFilm(RoadEffect):
     """Water on the road: it reflects more (|R|² = 0.48 at 60 GHz and 20 °C, from ε = 11.9 − 19.5j: Liebe, Hufford and
     Manabe, Int. J. Infrared Millim. Waves 12, 1991) as soon as it is thicker than its skin depth of 0.17 mm, and fills
     the grain: `calm` is how much of slope and roughness it takes away (assumed)."""
@@ -105,7 +108,7 @@ class WaterFilm(Effect):
         )
 
 
-class TemperatureDrift(Effect):
+class TemperatureDrift(RoadEffect):
     """A sensor that warms up: its clock, and so its range scale, goes with 50 ppm/K (assumed: a plain crystal), its
     gain with −0.05 dB/K (assumed)."""
 

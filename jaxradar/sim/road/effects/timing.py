@@ -11,12 +11,12 @@ from jaxtyping import PRNGKeyArray
 from jaxradar._settings import setting
 from jaxradar._types import Setting
 from jaxradar.sim.clock import Clock
-from jaxradar.sim.scene import Effect
+from jaxradar.sim.road.effect import RoadEffect
 
 __all__ = ["CpuClock", "DroppedSweeps", "LateSweeps", "TimeJitter"]
 
 
-class TimeJitter(Effect):
+class TimeJitter(RoadEffect):
     """Sweeps that do not come evenly; their recorded times are the true ones. 1 ms is assumed for a host that asks for
     each sweep; table C.1 shows steps of 9 to 20 ms at a nominal 10."""
 
@@ -32,7 +32,7 @@ class TimeJitter(Effect):
         return value._replace(taken_s=value.taken_s + late, recorded_s=value.recorded_s + late)
 
 
-class LateSweeps(Effect):
+class LateSweeps(RoadEffect):
     """Some sweeps are read late: a busy host writes them down after they were taken (assumed)."""
 
     name: ClassVar[str] = "late-sweeps"
@@ -47,7 +47,7 @@ class LateSweeps(Effect):
         return value._replace(recorded_s=value.recorded_s + jnp.where(late, jnp.asarray(self.delay_s), 0.0))
 
 
-class DroppedSweeps(Effect):
+class DroppedSweeps(RoadEffect):
     """Some sweeps are missing from the log; 1 % is assumed."""
 
     name: ClassVar[str] = "dropped-sweeps"
@@ -62,7 +62,7 @@ class DroppedSweeps(Effect):
         return value._replace(kept=value.kept & ~lost)
 
 
-class CpuClock(Effect):
+class CpuClock(RoadEffect):
     """Times as the lab's program writes them (thesis, listing C.1): the radar's are a 16-bit count of loops over 50,
     which falls back to 0 at 1310.7 s, the acceleration's are processor time, which stands still while the program
     waits."""

@@ -1,12 +1,12 @@
 """Effects that a road scene may call for, each with its defaults and its source."""
 
-from jaxradar.sim.effects.counts import Gain, Quantisation, Saturation
-from jaxradar.sim.effects.motion import Accelerometer
-from jaxradar.sim.effects.propagation import LostEcho, Multipath, Rain, TemperatureDrift, WaterFilm
-from jaxradar.sim.effects.receiver import DirectLeakage, Interference, ReceiverNoise
-from jaxradar.sim.effects.sampling import RangeSmoothing, RangeWalk, RunningAverage, Thinning
-from jaxradar.sim.effects.timing import CpuClock, DroppedSweeps, LateSweeps, TimeJitter
-from jaxradar.sim.scene import Effect
+from jaxradar.sim.road.effect import RoadEffect
+from jaxradar.sim.road.effects.counts import Gain, Quantisation, Saturation
+from jaxradar.sim.road.effects.motion import Accelerometer
+from jaxradar.sim.road.effects.propagation import LostEcho, Multipath, Rain, TemperatureDrift, WaterFilm
+from jaxradar.sim.road.effects.receiver import DirectLeakage, Interference, ReceiverNoise
+from jaxradar.sim.road.effects.sampling import RangeSmoothing, RangeWalk, RunningAverage, Thinning
+from jaxradar.sim.road.effects.timing import CpuClock, DroppedSweeps, LateSweeps, TimeJitter
 
 __all__ = [
     "EFFECTS",
@@ -32,7 +32,7 @@ __all__ = [
     "WaterFilm",
 ]
 
-EFFECTS: dict[str, type[Effect]] = {
+EFFECTS: dict[str, type[RoadEffect]] = {
     kind.name: kind
     for kind in (
         DirectLeakage,

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxradar._types import Setting, Value
-from jaxradar.sim.surface import Surface, coherent_share, reflectivity
+from jaxradar.sim.road.surface import Surface, coherent_share, reflectivity
 
 __all__ = ["Wall", "corner_area", "corner_share", "lit_share"]
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxradar._settings import Settings, setting
+from jaxradar._settings import Settings, in_order, is_plain, setting
 from jaxradar._types import Setting, Value
 
 __all__ = ["CarMotion", "Course", "Curve", "SpeedChange", "along", "bend"]
@@ -33,6 +34,11 @@ class Curve(Settings):
     radius_m: Setting = setting(10.0, -1e5, 1e5, "m", "positive to the left")
     ramp_s: Setting = setting(0.3, 0.001, 10.0, "s", "how long steering in and out takes")
 
+    def __check_init__(self) -> None:
+        in_order("Curve", "start_s", self.start_s, "stop_s", self.stop_s)
+        if is_plain(self.radius_m) and abs(float(self.radius_m)) < 0.5:
+            raise ValueError(f"`Curve(radius_m=...)` must be 0.5 m at least, to either side; got {self.radius_m}.")
+
 
 class CarMotion(Settings):
     """Speed at the start and what changes it, in order of time; negative is backwards."""
@@ -40,6 +46,10 @@ class CarMotion(Settings):
     speed_m_s: Setting = setting(30 / 3.6, -50.0, 100.0, "m/s", "at the start")
     changes: tuple[SpeedChange, ...] = ()
     curve: Curve | None = None
+
+    def __check_init__(self) -> None:
+        for one, other in pairwise(self.changes):
+            in_order("CarMotion", "changes[...].at_s", one.at_s, "the next one's", other.at_s)
 
 
 class Course(NamedTuple):

@@ -10,12 +10,12 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxradar._settings import setting
 from jaxradar._types import Setting
-from jaxradar.sim.scene import Effect
+from jaxradar.sim.road.effect import RoadEffect
 
 __all__ = ["Accelerometer"]
 
 
-class Accelerometer(Effect):
+class Accelerometer(RoadEffect):
     """The body's acceleration as the thesis's log has it: whole m/s² (table C.2), with noise (0.7 m/s² is assumed).
     Without it the drive holds the true acceleration."""
 
