@@ -43,6 +43,7 @@ RECORDINGS = {
     "grass_0": "grass",
     "water_0": "water",
 }
+GAIN_COUNTS, FWHM_M, SLOPE, GRAIN_DB = 1700.0, 0.045, 0.3, -18.0  # where the fit begins
 ASKED = ("asphalt", "wet-asphalt", "gravel")
 
 
@@ -58,7 +59,8 @@ class Recording:
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """What is fitted, as logarithms of factors of the starting values, heights in metres, grain in units of 10 dB."""
+    """What is fitted: gain, pulse and slopes as logarithms of factors of the values below, heights in metres, grain in
+    units of 10 dB from the value below."""
 
     gain: Any
     fwhm: Any
@@ -139,13 +141,13 @@ def scene_of(fit: Fit, place: Any, incidence_deg: Any, scene: sim.RoadScene, per
     return dataclasses.replace(
         scene,
         radar=dataclasses.replace(
-            scene.radar, fwhm_m=0.045 * jnp.exp(fit.fwhm), gain_counts=1700.0 * jnp.exp(fit.gain)
+            scene.radar, fwhm_m=FWHM_M * jnp.exp(fit.fwhm), gain_counts=GAIN_COUNTS * jnp.exp(fit.gain)
         ),
         mount=sim.Mount(height_m=fit.height_m[place], angle_deg=90.0 - incidence_deg),
         surface=sim.Surface(
             permittivity=permittivity[place],
-            slope=0.3 * jnp.exp(fit.slope[place]),
-            grain_db=-18.0 + 10.0 * fit.grain[place],
+            slope=SLOPE * jnp.exp(fit.slope[place]),
+            grain_db=GRAIN_DB + 10.0 * fit.grain[place],
         ),
     )
 
@@ -237,7 +239,8 @@ def main() -> None:
     print(f"deviance of a recording {before:.1f} before the fit, {after:.1f} after (cells: {0.6 / CELL_M:.0f})")
     for place, name in enumerate(surfaces):
         print(
-            f"  {name:12} slope {0.3 * np.exp(fit.slope[place]):.2f}, grain {-18 + 10 * fit.grain[place]:.1f} dB, "
+            f"  {name:12} slope {SLOPE * np.exp(fit.slope[place]):.2f}, "
+            f"grain {GRAIN_DB + 10 * fit.grain[place]:.1f} dB, "
             f"sensor {1e3 * fit.height_m[place]:.0f} mm above it"
         )
     print()

@@ -20,11 +20,11 @@ import numpy as np
 
 from jaxradar import sim
 from jaxradar.drive import Drive
+from jaxradar.sim.road.drives import HARD_M_S2
 from jaxradar.systems.step import RangeRateDetector, StepDetector, detect, load_detector
 
 DRIVES = 20
 ROADS = 48  # over whose speckle the mean echo is taken
-HARD_M_S2 = 15.0
 
 
 def drives_of(scene: sim.RoadScene, count: int = DRIVES) -> list[Drive]:
@@ -87,6 +87,12 @@ def sight_s(scene: sim.RoadScene) -> tuple[float, float]:
     window = (series.times_s > step.impact_s - 0.12) & (series.times_s < step.impact_s)
     crossing = series.times_s[window][np.argmax(mean[window, cell])]
     return float(series.times_s[np.argmax(late)]) if late.any() else math.nan, float(crossing)
+
+
+def beneath_s(scene: sim.RoadScene, look_ahead: float = 0.45) -> float:
+    """When the middle of the step's edge is `look_ahead` times the sensor's height before its foot, at even speed."""
+    ahead = float(scene.road[0].at_m) - look_ahead * float(scene.mount.height_m)
+    return ahead / float(scene.motion.speed_m_s)
 
 
 def lead_table() -> None:
@@ -169,9 +175,7 @@ def oblique_table() -> None:
         one = dataclasses.replace(scene, road=(element,), motion=motion)
         (step,) = sim.simulate(one).truth.steps  # type: ignore[union-attr]
         seen = [1e3 * (step.impact_s - moment) for moment in sight_s(one)]
-        tangent = math.tan(math.radians(degrees))
-        reach = math.sqrt(2 * 0.2 * 0.06 - 0.06**2) / math.cos(math.radians(degrees))
-        geometry = 1e3 * (0.15 + 0.45 * 0.35 - reach - 0.5 * tangent) / 5.5
+        geometry = 1e3 * (step.impact_s - beneath_s(one))
         note = "  (without the curve)" if motion.curve is None else ""
         print(f"  {degrees:8.0f}°{seen[0]:22.0f}{seen[1]:15.0f}{geometry:16.0f}{note}")
     print()

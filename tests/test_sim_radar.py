@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from jaxradar.sim.radar import Echoes, Radar, envelope, field_of, nodes_of, pulse, pulse_scale, range_axis
 from jaxradar.sim.road.corner import corner_area
-from jaxradar.sim.road.surface import Surface, backscatter, coherent_share
+from jaxradar.sim.road.surface import Surface, backscatter, coherent_share, fresnel
 
 FWHM = 0.06
 
@@ -99,12 +99,26 @@ def test_a_tall_corner_is_half_a_mirror_after_fresnel():
     assert 0.8 * mirror < abs(wanted) < 1.3 * mirror
 
 
-def test_a_face_that_leans_sends_less_back():
-    def area(lean):
-        sine = jnp.sqrt(0.5)
-        return np.hypot(*corner_area(jnp.asarray(0.1), sine, jnp.asarray(0.5), jnp.asarray(lean), 0.005))
+@pytest.mark.parametrize("height", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("lean", [0.0, 0.05, np.radians(12.0)])
+def test_a_corner_is_the_integral_over_both_ways_round(height, lean):
+    # The ray that meets the face first and the one that meets the road first are turned by the lean to opposite sides.
+    k, reach = 2 * np.pi / 0.005, 0.6
+    u = np.linspace(0, 1, 400_001) * height * np.sqrt(0.5)
+    phase = k * (u**2 / reach + 2 * lean * u)
+    wanted = 2 * np.trapezoid(np.exp(-1j * phase), u) * np.sqrt(0.005 * reach / 2) * np.exp(-1j * np.pi / 4)
+    found = corner_area(jnp.asarray(height), jnp.sqrt(0.5), jnp.asarray(reach), jnp.asarray(lean), 0.005)
+    assert abs(complex(*found) - wanted) < 0.01 * abs(wanted)
 
-    assert area(np.radians(12.0)) < 0.2 * area(0.0)
+
+def test_fresnel_at_its_landmarks():
+    surface = Surface(permittivity=5.24)
+    straight = (np.sqrt(5.24) - 1) / (np.sqrt(5.24) + 1)
+    assert_allclose(fresnel(surface, "vertical", jnp.asarray(1.0)), straight, rtol=1e-5)
+    assert_allclose(fresnel(surface, "horizontal", jnp.asarray(1.0)), -straight, rtol=1e-5)
+    brewster = jnp.cos(jnp.arctan(jnp.sqrt(5.24)))
+    assert abs(fresnel(surface, "vertical", brewster)) < 1e-5
+    assert_allclose(fresnel(surface, "horizontal", jnp.asarray(0.0)), -1.0, rtol=1e-3)
 
 
 def test_roughness_takes_away_what_ament_says():

@@ -10,6 +10,7 @@ from jaxradar._numerics.guards import (
     safe_sqrt,
     soft_exceeds,
 )
+from jaxradar._numerics.operations import operations
 from jaxradar._numerics.staged import (
     cpu_shaped,
     largest,
@@ -35,6 +36,7 @@ __all__ = [
     "largest",
     "largest_of",
     "nonnegative",
+    "operations",
     "packed_largest",
     "reductions",
     "row_major",

@@ -38,7 +38,7 @@ def compiler_options() -> dict[str, Any]:
 def compiled(function: Callable[..., Any], **jit_options: Any) -> Callable[..., Any]:
     """`jax.jit` with `compiler_options`, made at the first call, so that importing starts no device.
 
-    Has the `lower` of `jax.jit` too. Not to be called inside another jit-compiled function: options belong to a whole
+    Has the `lower` and `trace` of `jax.jit` too. Not to be called inside another jit-compiled function: options belong to a whole
     program.
     """
 
@@ -51,6 +51,7 @@ def compiled(function: Callable[..., Any], **jit_options: Any) -> Callable[..., 
         return program()(*args, **kwargs)
 
     call.lower = lambda *args, **kwargs: program().lower(*args, **kwargs)  # type: ignore[attr-defined]
+    call.trace = lambda *args, **kwargs: program().trace(*args, **kwargs)  # type: ignore[attr-defined]
     return call
 
 

@@ -29,8 +29,8 @@ def number(least: float | None = None, *, above: bool = False) -> Callable[[str]
     return parse
 
 
-def whole(least: int) -> Callable[[str], int]:
-    """A whole number, at least `least`."""
+def whole(least: int, most: int = 2**63 - 1) -> Callable[[str], int]:
+    """A whole number from `least` to `most`."""
 
     def parse(text: str) -> int:
         try:
@@ -39,6 +39,8 @@ def whole(least: int) -> Callable[[str], int]:
             value = least - 1
         if value < least:
             raise argparse.ArgumentTypeError(f"expected a whole number >= {least}, got {text!r}")
+        if value > most:
+            raise argparse.ArgumentTypeError(f"expected a whole number <= {most}, got {text!r}")
         return value
 
     return parse

@@ -57,14 +57,17 @@ def _run(args: argparse.Namespace) -> int:
     from jaxradar.cli._detect import Selection, detect_in, draw_drive, draw_sweeps
     from jaxradar.evaluation import MatchWindow
     from jaxradar.logs import read_log, write_log
-    from jaxradar.sim import load_scene, simulate
+    from jaxradar.sim import dump_scene, load_scene, simulate
     from jaxradar.systems.step import load_detector
 
     scene = load_scene(args.scene)
     log = folder / "log"
     made = simulate(scene, args.seed)
-    if log.exists() and not _is_demo(log, made):
+    # What is made here is known by the scene beside it: a recording of the user's may bear the same name.
+    marker = folder / "scene.toml"
+    if log.exists() and not marker.exists():
         raise LogError(log, "was not written by a demo and is left alone; give another --output.")
+    marker.write_text(dump_scene(scene), encoding="utf-8")
     write_log(made, log, overwrite=True)
     # From here on, what anybody's log would go through.
     drive = read_log(log)
@@ -80,9 +83,9 @@ def _run(args: argparse.Namespace) -> int:
     print()
     print_outcomes(sys.stdout, outcomes, names)
     print()
-    print(fill(_verdict(outcomes, drive), _WIDTH))
+    print(fill(_verdict(outcomes, scene, drive), _WIDTH))
     print("\nWritten:")
-    for path in (log, *figures):
+    for path in (marker, log, *figures):
         print(f"  {shown(path)}")
     print("\nNext:")
     for command in (
@@ -94,17 +97,6 @@ def _run(args: argparse.Namespace) -> int:
     ):
         print(f"  {command}")
     return 0
-
-
-def _is_demo(log: Path, made: Drive) -> bool:
-    """Whether a demo wrote what stands there: a recording of the user's may bear the same name."""
-    from jaxradar.logs import read_log
-
-    try:
-        held = read_log(log)
-    except LogError:
-        return False
-    return (held.truth, held.mounting) == (made.truth, made.mounting)
 
 
 def _quoted(path: Path) -> str:
@@ -125,16 +117,17 @@ def _story(name: str, scene: RoadScene, drive: Drive) -> str:
     return text
 
 
-def _verdict(outcomes: list[Outcome], drive: Drive) -> str:
+def _verdict(outcomes: list[Outcome], scene: RoadScene, drive: Drive) -> str:
     """What the alarms are worth, without praise for a hit that chance alone would give."""
     thesis, default = (len(outcome.trace.events) for outcome in outcomes)
     steps = len(drive.truth.steps) if drive.truth is not None else 0
-    text = (
-        f"{thesis} alarms of the thesis's rule for {steps} step{'' if steps == 1 else 's'}: one bin of range from one "
-        "sweep to the next is more than its 0.7 m/s, and each sweep of a road that goes by shows another speckle. "
-        "Beside so many, a hit is luck."
-    )
-    if default > 3 * steps + 3:
+    text = f"{thesis} alarms of the thesis's rule for {steps} step{'' if steps == 1 else 's'}."
+    if thesis > 10 * steps + 10:
+        text += (
+            " One bin of range from one sweep to the next is more than its 0.7 m/s, and each sweep of a road that goes "
+            "by shows another speckle: beside so many, a hit is luck."
+        )
+    if default > 3 * steps + 3 and not any(effect.name == "running-average" for effect in scene.effects):
         text += (
             " The default detector, too, alarms too often here: without the sensor's running average the strongest "
             "patch of road jumps about."

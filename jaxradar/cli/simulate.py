@@ -119,7 +119,7 @@ def _list() -> None:
     from jaxradar.sim import EFFECTS, ELEMENTS, SURFACES, ready_scenes
 
     effects = {name: kind.explains for name, kind in EFFECTS.items()}
-    elements = {name: (kind.__doc__ or "").partition("\n")[0].rstrip(".") for name, kind in ELEMENTS.items()}
+    elements = {name: _first_sentence(kind.__doc__ or "") for name, kind in ELEMENTS.items()}
     for title, held in (
         ("Scenes", ready_scenes()),
         ("Elements of a road ([[road]])", elements),
@@ -131,6 +131,10 @@ def _list() -> None:
             print(f"  {name:{width}}  {text}")
         print()
     print(f"Surfaces ([surface]): {', '.join(SURFACES)}, none")
+
+
+def _first_sentence(text: str) -> str:
+    return " ".join(text.split()).partition(". ")[0].partition(": ")[0].partition(" (")[0].rstrip(".")
 
 
 def _measured(scene: RoadScene, tolerance: Tolerance, seed: int) -> Significance:

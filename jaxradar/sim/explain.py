@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxradar._numerics import compiled
+from jaxradar._numerics import compiled, operations
 from jaxradar.sim.radar import range_axis
 from jaxradar.sim.road.plan import Plan, plan_scene
 from jaxradar.sim.road.render import Rendered, render
@@ -78,7 +78,7 @@ class Difference:
 class Contribution:
     """What one effect does to a scene's record, all else as it is.
 
-    `operations` and `microseconds`: what it adds to a sweep's cost, as the compiler counts and as measured (a
+    `operations` and `microseconds`: what it adds to a sweep's cost, as counted in the traced program and as measured (a
     difference of two measurements, so it may come out below 0).
     """
 
@@ -171,11 +171,11 @@ def _compiled(scene: RoadScene, seed: int, progress: Callable[[], object] | None
     with jax.enable_x64(True):
         key = jax.random.key(seed)
         # jit's own method, which a plain callable's type does not have
-        program = compiled(partial(render, plan)).lower(scene, key).compile()  # type: ignore[attr-defined]
+        traced = compiled(partial(render, plan)).trace(scene, key)  # type: ignore[attr-defined]
+        program = traced.lower().compile()
     if progress is not None:
         progress()
-    operations = float((program.cost_analysis() or {}).get("flops", math.nan))
-    return _Compiled(plan, operations, lambda: program(scene, key))
+    return _Compiled(plan, operations(traced.jaxpr) / plan.sweeps, lambda: program(scene, key))
 
 
 def _run(ready: _Compiled) -> tuple[Rendered, tuple[float, float]]:
@@ -187,10 +187,7 @@ def _run(ready: _Compiled) -> tuple[Rendered, tuple[float, float]]:
             start = time.perf_counter()
             jax.block_until_ready(ready.call())
             took.append(time.perf_counter() - start)
-    sweeps, block = ready.plan.sweeps, ready.plan.block
-    # The compiler counts the body of the loop over blocks once.
-    operations = ready.operations * -(-sweeps // block) / sweeps
-    return jax.tree.map(np.asarray, found), (operations, 1e6 * min(took) / sweeps)
+    return jax.tree.map(np.asarray, found), (ready.operations, 1e6 * min(took) / ready.plan.sweeps)
 
 
 def _difference(whole: Rendered, other: Rendered, scene: RoadScene) -> Difference:
@@ -220,7 +217,8 @@ def _difference(whole: Rendered, other: Rendered, scene: RoadScene) -> Differenc
             level_db = 20.0 * math.log10(change / level) if level > 0 else math.inf
         axis = range_axis(scene.radar)
         axis = axis if len(axis) == one.shape[1] else np.linspace(axis[0], axis[-1], one.shape[1])
-        range_mm = 1e3 * _rms(_centre(one, axis) - _centre(two, axis))
+        strongest = one.argmax(axis=1)
+        range_mm = 1e3 * _rms(_centre(one, axis, strongest) - _centre(two, axis, strongest))
     return Difference(level_db, range_mm, 1e3 * _rms(drift), felt, lost, form)
 
 
@@ -228,12 +226,12 @@ def _rms(values: Any) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0
 
 
-def _centre(sweeps: np.ndarray, range_m: np.ndarray) -> np.ndarray:
-    """Centre of what is above half of each sweep's maximum around it, in metres: smooth enough to show 0.01 mm."""
-    top = sweeps.max(axis=1, keepdims=True)
-    at = sweeps.argmax(axis=1)
+def _centre(sweeps: np.ndarray, range_m: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Centre of what is above half of the largest within 5 cm of bin `at` of each sweep, in metres: smooth enough to
+    show 0.01 mm, and not thrown by which of two equal echoes is the largest."""
     near = np.abs(range_m[None, :] - range_m[at][:, None]) < 0.05
+    top = np.max(sweeps, axis=1, where=near, initial=0.0)[:, None]
     weight = np.where(near, np.maximum(sweeps - 0.5 * top, 0.0), 0.0)
     total = weight.sum(axis=1)
     centre = (weight * range_m).sum(axis=1) / np.where(total > 0, total, 1.0)
-    return np.where(total > 0, centre, range_m[0])
+    return np.where(total > 0, centre, range_m[at])

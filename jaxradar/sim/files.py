@@ -104,22 +104,22 @@ def _parse(path: str, tables: dict[str, Any]) -> RoadScene:
     return _made(path, RoadScene, values)
 
 
-def _made(path: str, kind: type[Kind], values: Mapping[str, Any]) -> Kind:
+def _made(path: str, kind: type[Kind], values: Mapping[str, Any], where: str = "") -> Kind:
     try:
         return kind(**values)
     except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
+        raise ConfigError(f"{path}: {where}{': ' if where else ''}{error}") from None
 
 
-def _table(path: str, tables: Mapping[str, Any], key: str) -> dict[str, Any]:
+def _table(path: str, tables: Mapping[str, Any], key: str, within: str = "") -> dict[str, Any]:
     table = tables.get(key, {})
     if not isinstance(table, dict):
-        raise ConfigError(f"{path}: [{key}] must be a table; got {table!r}.")
+        raise ConfigError(f"{path}: [{within}{key}] must be a table; got {table!r}.")
     return table
 
 
-def _part(path: str, tables: Mapping[str, Any], key: str, kind: type[Kind]) -> Kind:
-    return _made(path, kind, read_settings(path, kind, _table(path, tables, key), f"[{key}]"))
+def _part(path: str, tables: Mapping[str, Any], key: str, kind: type[Kind], within: str = "") -> Kind:
+    return _made(path, kind, read_settings(path, kind, _table(path, tables, key, within), f"[{within}{key}]"))
 
 
 def _surface(path: str, table: dict[str, Any]) -> Surface | None:
@@ -141,18 +141,19 @@ def _motion(path: str, table: dict[str, Any]) -> CarMotion:
     own = {key: value for key, value in table.items() if key in declared(CarMotion)}
     values = read_settings(path, CarMotion, own, "[motion]")
     values["changes"] = tuple(
-        _made(path, SpeedChange, read_settings(path, SpeedChange, one, f"[[motion.changes]] number {place}"))
-        for place, one in _numbered(path, table, "changes")
+        _made(path, SpeedChange, read_settings(path, SpeedChange, one, where), where)
+        for place, one in _numbered(path, table, "changes", "motion.")
+        for where in (f"[[motion.changes]] number {place}",)
     )
     if "curve" in table:
-        values["curve"] = _part(path, table, "curve", Curve)
+        values["curve"] = _part(path, table, "curve", Curve, "motion.")
     return _made(path, CarMotion, values)
 
 
-def _numbered(path: str, tables: Mapping[str, Any], key: str) -> list[tuple[int, dict[str, Any]]]:
+def _numbered(path: str, tables: Mapping[str, Any], key: str, within: str = "") -> list[tuple[int, dict[str, Any]]]:
     held = tables.get(key, [])
     if not isinstance(held, list) or not all(isinstance(one, dict) for one in held):
-        raise ConfigError(f"{path}: [[{key}]] must be a list of tables; got {held!r:.60}.")
+        raise ConfigError(f"{path}: [[{within}{key}]] must be a list of tables; got {held!r:.60}.")
     return list(enumerate(held, 1))
 
 
@@ -173,7 +174,7 @@ def _named(
         raise ConfigError(f"{path}: `{naming}` of {where} is {name!r}{hint}; expected {', '.join(kinds)}.")
     kind = kinds[name]
     rest = {key: value for key, value in table.items() if key != naming}
-    return _made(path, kind, read_settings(path, kind, rest, f"{where}, `{name}`"))
+    return _made(path, kind, read_settings(path, kind, rest, f"{where}, `{name}`"), where)
 
 
 def dump_scene(scene: RoadScene) -> str:

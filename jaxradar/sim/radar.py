@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxradar._numerics import cosine_sine, safe_sqrt
-from jaxradar._settings import Settings, setting, shape_setting
+from jaxradar._settings import Settings, choice_setting, setting, shape_setting
 from jaxradar._types import Setting, Sweep, Value
 from jaxradar.signal.pulses import SIGMA_PER_FWHM
 from jaxradar.units import WAVELENGTH_60_GHZ_M
@@ -50,7 +50,8 @@ class Radar(Settings):
     The width of an echo and the gain are those of standing recordings (`scripts/compare_recordings.py`: 45 mm, which
     the sensor's smoothing makes 63; 26 counts for each count of the receiver's noise), the gain at table C.1's noise.
 
-    The beam's half-power widths, one way, are the maker's (55° in the E-plane, here the vertical one, and 80°). The
+    The beam's half-power widths, one way, are the maker's (55° in the E-plane, which is taken as the vertical one, and
+    80°). The
     amplitude of an echo falls as r^−exponent: 2 is the radar equation's for a point (power as r⁻⁴).
     """
 
@@ -63,6 +64,7 @@ class Radar(Settings):
     wavelength_m: Setting = setting(WAVELENGTH_60_GHZ_M, 1e-3, 0.1, "m", "of the carrier")
     vertical_beam_deg: Setting = setting(55.0, 0.1, 360.0, "°", "half-power width, one way, in the vertical plane")
     lateral_beam_deg: Setting = setting(80.0, 0.1, 360.0, "°", "half-power width, one way, across it")
+    polarisation: str = choice_setting("vertical", ("vertical", "horizontal"), "the plane of the electric field")
     exponent: Setting = setting(2.0, 0.0, 8.0, "", "the amplitude of an echo falls as range to this power")
     gain_counts: Setting = setting(4250.0, 0.0, 1e9, "counts", "amplitude of 1 m² at 1 m in the middle of the beam")
 

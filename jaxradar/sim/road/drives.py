@@ -151,7 +151,7 @@ def _fine_times(count: int) -> np.ndarray:
 def _steps(plan: Plan, scene: RoadScene, found: Any, begin_s: float) -> tuple[RoadStep, ...]:
     """Every element that the front wheels touch while the drive lasts, and when each wheel does."""
     fine_s = _fine_times(plan.fine_steps)
-    path = np.asarray(along(scene.motion, jnp.asarray(fine_s)).path_m)
+    path, speed = (np.asarray(one) for one in along(scene.motion, jnp.asarray(fine_s))[:2])
     mount, vehicle = scene.mount, scene.vehicle or QuarterCar()  # wheels are there without springs too
     radius, half_track, base = (
         float(one) for one in (vehicle.tyre_radius_m, vehicle.half_track_m, vehicle.wheelbase_m)
@@ -161,27 +161,27 @@ def _steps(plan: Plan, scene: RoadScene, found: Any, begin_s: float) -> tuple[Ro
         height = float(element.step_m)
         if height == 0:
             continue  # a step of no height is none
-        rises = any(face.rises and float(face.at_m) == 0 for face in element.faces())
-        angle = math.radians(float(element.oblique_deg))
-        # Across the edge a tyre is as round as along it.
-        contact = float(contact_m(height, radius)) if rises else 0.0
+        first = [face for face in element.faces() if float(face.at_m) == 0]
+        # A tyre touches an edge that is higher than its road before its axle is above it.
+        reach = float(contact_m(abs(height), radius))
+        ahead = reach if any(face.rises for face in first) else 0.0
+        behind = reach if any(not face.rises for face in first) else 0.0
+        slant = half_track * math.tan(math.radians(float(element.oblique_deg)))
+        middles = [float(element.at_m) - side * slant for side in (-1.0, 1.0)]
         wheels = [
-            _passes(
-                fine_s,
-                path,
-                float(element.at_m) - (side * half_track * math.sin(angle) + contact) / math.cos(angle) + axle,
-            )
+            _passes(fine_s, path, middle + axle, ahead, behind)
             for axle in (float(mount.front_wheel_m), float(mount.front_wheel_m) + base)
-            for side in (1.0, -1.0)
+            for middle in middles
         ]
         front = [time for time in wheels[:2] if time is not None]
         if not front or not 0 <= min(front) - begin_s <= scene.duration_s:
             continue
+        forwards = np.interp(min(front), fine_s, speed) >= 0
         peak, hard = _shock(found, min(front))
         steps.append(
             RoadStep(
                 impact_s=min(front) - begin_s,
-                height_m=height,
+                height_m=height if forwards else -height,
                 wheels_s=tuple(None if time is None else time - begin_s for time in wheels),
                 peak_m_s2=peak,
                 hard_s=None if hard is None else hard - begin_s,
@@ -190,14 +190,18 @@ def _steps(plan: Plan, scene: RoadScene, found: Any, begin_s: float) -> tuple[Ro
     return tuple(sorted(steps, key=lambda step: step.impact_s))
 
 
-def _passes(times_s: np.ndarray, path_m: np.ndarray, place_m: float) -> float | None:
-    """When the path first reaches a place, forwards; None if it does not."""
-    over = path_m >= place_m
-    if not over.any() or over[0]:
-        return None
-    after = int(np.argmax(over))
-    share = (place_m - path_m[after - 1]) / (path_m[after] - path_m[after - 1])
-    return float(times_s[after - 1] + share * (times_s[after] - times_s[after - 1]))
+def _passes(times_s: np.ndarray, path_m: np.ndarray, edge_m: float, ahead_m: float, behind_m: float) -> float | None:
+    """When the path first reaches an edge, `ahead_m` before it forwards or `behind_m` before it backwards; None if it
+    does neither."""
+    moments = []
+    for way, place in ((1.0, edge_m - ahead_m), (-1.0, edge_m + behind_m)):
+        over = way * (path_m - place) >= 0
+        later = np.flatnonzero(over[1:] & ~over[:-1])
+        if later.size:
+            before = int(later[0])
+            share = (place - path_m[before]) / (path_m[before + 1] - path_m[before])
+            moments.append(float(times_s[before] + share * (times_s[before + 1] - times_s[before])))
+    return min(moments, default=None)
 
 
 def _shock(found: Any, impact_s: float, within_s: float = 0.3) -> tuple[float | None, float | None]:

@@ -23,8 +23,8 @@ Points = Float[Array, "*points"]
 
 class Pose(NamedTuple):
     """Where the sensor is when a sweep is taken, and how it moves. `first_m`: how far ahead of its foot the first of
-    the visible points lies; `turn_per_m`: curvature of the path, None in a scene without a curve; `down_rad`: between
-    its line of sight and the horizontal."""
+    the visible points lies; `turn_per_m`: curvature of the path, None in a scene without a curve; `roll_rad`: left side
+    up; `down_rad`: between its line of sight and the horizontal."""
 
     first_m: Value
     height_m: Value
@@ -117,7 +117,9 @@ def corner_paths(radar: Radar, surface: Surface, walls: tuple[Wall, ...], rates:
         # Behind the sensor a wall shows its back.
         sine, cosine = jnp.maximum(wall.ahead_m, 0.0) / reach, -up / reach
         area = corner_area(wall.high_m - wall.low_m, sine, reach, wall.lean_rad, radar.wavelength_m)
-        strength = 2.0 * math.sqrt(math.pi) * corner_share(surface, sine, cosine, radar.wavelength_m)
+        strength = (
+            2.0 * math.sqrt(math.pi) * corner_share(surface, radar.polarisation, sine, cosine, radar.wavelength_m)
+        )
         strength = strength / jnp.asarray(radar.wavelength_m, reach.dtype)
         amplitude = strength * _received(radar, pose, x, y, up, reach)
         rate = -(x * pose.speed_m_s + up * pose.climb_m_s) / reach if rates else None
@@ -131,7 +133,8 @@ def _received(radar: Radar, pose: Pose, x: Points, y: Points, up: Points, reach:
     """Counts for a cross-section of 1 m²: gain, beam and range law, 0 far outside the range window."""
     dtype = reach.dtype
     if pose.roll_rad is not None:
-        y, up = y - up * pose.roll_rad, up + y * pose.roll_rad
+        # Into the body's own directions, whose left side is up.
+        y, up = y + up * pose.roll_rad, up - y * pose.roll_rad
     # In the vertical plane, off the line of sight; and out of that plane.
     ahead = jnp.sqrt(x**2 + up**2)
     down = jnp.cos(pose.down_rad), jnp.sin(pose.down_rad)

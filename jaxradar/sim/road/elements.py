@@ -1,8 +1,8 @@
 """What a road may hold: steps, kerbs, humps, potholes, each crossing it at any angle; their heights add up.
 
 An element is placed by where the middle line of the car's path crosses its beginning (`at_m`, from where the sensor is
-at the start of the scene) and by the angle `oblique_deg` between its edge and the crosswise direction: at 20° the right
-wheel, y < 0, comes there half a track times tan 20° before the middle. Its height is a function of the distance *s*
+at the start of the scene) and by the angle `oblique_deg` between its edge and the crosswise direction: at 20° the left
+wheel, y > 0, comes there half a track times tan 20° before the middle. Its height is a function of the distance *s*
 beyond the edge, measured across the edge. Vertical faces are told apart (`faces`), because they are what a radar sees
 as a corner and what a tyre touches first.
 """
@@ -51,7 +51,9 @@ class RoadElement(Settings):
     name: ClassVar[str]
 
     at_m: Setting = setting(0.0, -1e5, 1e5, "m", "where the middle of the path crosses its edge")
-    oblique_deg: Setting = setting(0.0, -60.0, 60.0, "°", "of its edge to the crosswise direction")
+    oblique_deg: Setting = setting(
+        0.0, -60.0, 60.0, "°", "of its edge to the crosswise direction; above 0 the left wheel is first"
+    )
 
     @abc.abstractmethod
     def profile(self, beyond_m: Heights) -> Heights:

@@ -90,7 +90,7 @@ def complex_normal(
     number: one hash each, a third of what `jax.random.normal` of that key would take.
     """
     words = jax.random.key_data(jax.vmap(lambda one: jax.random.fold_in(key, one))(number & 0x7FFFFFFF))
-    share = ((words >> 8).astype(jnp.float32) + 0.5) * 2.0**-24  # inside (0, 1)
+    share = ((words >> 8).astype(jnp.float32) + 0.5) * 2.0**-24  # never 0
     cosine, sine = cosine_sine(share[:, 1])
     length = jnp.sqrt(-2.0 * jnp.log(share[:, 0]))
     return length * cosine, length * sine

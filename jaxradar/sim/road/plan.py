@@ -19,6 +19,8 @@ __all__ = ["Plan", "plan_scene"]
 
 FINE_S = 0.0005  # between two moments at which the car's motion is worked out
 FINE_START_S = -0.1  # before the first sweep, so that one taken early has a moment on either side
+LOOK_S = 0.02  # between two looks at how far the car goes
+BEAM = 1.36  # two-way amplitude is 0.6 % so many half-power widths off the line of sight
 BLOCK = 256  # sweeps that are made side by side
 MOST_POINTS = 20_000_000
 MOST_CLIMB_M_S = 1.0  # of the sensor on its springs, as far as range walk is concerned
@@ -66,17 +68,18 @@ def plan_scene(scene: RoadScene) -> Plan:
     fwhm = least(radar.fwhm_m)
     # The car's way, looked at often enough.
     start_s, stop_s = FINE_START_S, scene.duration_s + 0.5
-    times = np.linspace(start_s, stop_s, 512)
+    times = np.linspace(start_s, stop_s, min(1_000_000, max(512, math.ceil((stop_s - start_s) / LOOK_S))))
     batched = any(np.ndim(leaf) for leaf in jax.tree.leaves(scene.motion))
     with jax.enable_x64(True):
         way = lambda motion: along(motion, jnp.asarray(times))[:2]  # noqa: E731
         path_m, speed_m_s = (np.asarray(one) for one in (jax.vmap(way) if batched else way)(scene.motion))
     nearest, farthest = float(path_m.min()), float(path_m.max())
-    # Ahead as far as the range window and a pulse reach, behind as far as the beam does (30° past the vertical).
+    # As far as the range window and a pulse reach, behind also no further than the beam does.
     end_m = radar.start_m + radar.bins * radar.bin_m + 1.25 * reach_of(widest(radar.fwhm_m))
     height = least(mount.height_m)
     ahead_m = math.sqrt(max(end_m**2 - height**2, 0.0)) if end_m > height else 0.0
-    behind_m = min(0.6 * widest(mount.height_m), end_m)
+    past = math.radians(min(max(BEAM * widest(radar.vertical_beam_deg) + widest(mount.angle_deg) - 90.0, 15.0), 85.0))
+    behind_m = min(widest(mount.height_m) * math.tan(past), max(ahead_m, 0.1))
     visible = ECHOES_A_PASS * math.ceil(((ahead_m + behind_m) / scene.spacing_m + 2) / ECHOES_A_PASS)
     first = math.floor((nearest - behind_m) / scene.spacing_m) - 1
     points = math.ceil((farthest - nearest) / scene.spacing_m) + visible + 4

@@ -35,6 +35,9 @@ from jaxradar.sim.scene import named_stream, through
 
 __all__ = ["Rendered", "render"]
 
+# How far behind and ahead of the sensor a wheel can be: overhang, wheelbase and tyre at their bounds.
+REAR_M, AHEAD_M = 22.0, 7.0
+
 
 class Rendered(NamedTuple):
     """A drive as simulated. `sweeps`: float in counts, or uint16 where the scene rounds them; `saturated`: which of
@@ -97,10 +100,9 @@ def _prepare(plan: Plan, scene: RoadScene, key: PRNGKeyArray, dtype: Any) -> _Re
     course = along(scene.motion, clock.taken_s)
     rough = None
     if scene.roughness is not None:
-        low = plan.first_point * scene.spacing_m - 10.0
-        rough = rough_table(
-            scene.roughness, low, low + plan.points * scene.spacing_m + 20.0, named_stream(key, "rough")
-        )
+        start = plan.first_point * scene.spacing_m
+        stop = start + plan.points * scene.spacing_m
+        rough = rough_table(scene.roughness, start - REAR_M, stop + AHEAD_M, named_stream(key, "rough"))
     driven = None if scene.vehicle is None else _ride_of(plan, scene, rough)
 
     surface, ground = scene.surface, None

@@ -53,6 +53,6 @@ def rough_height(table: RoughnessTable, x_m: Float[Array, "*points"]) -> Float[A
     """Height between the points of the table, linear."""
     place = (x_m - table.start_m) / SPACING_M
     whole = jnp.clip(jnp.floor(place).astype(jnp.int32), 0, len(table.height_m) - 2)
-    share = place - whole
+    share = jnp.clip(place - whole, 0.0, 1.0)
     heights = table.height_m.astype(x_m.dtype)
     return heights[whole] * (1.0 - share) + heights[whole + 1] * share

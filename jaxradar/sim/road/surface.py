@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from jaxradar._settings import Settings, setting
 from jaxradar._types import Setting
 
-__all__ = ["SURFACES", "Surface", "backscatter", "coherent_share", "reflectivity"]
+__all__ = ["SURFACES", "Surface", "backscatter", "coherent_share", "fresnel", "reflectivity"]
 
 
 class Surface(Settings):
@@ -32,6 +32,16 @@ def reflectivity(permittivity: Setting) -> Float[Array, ""]:
     """Share of the power that a smooth face reflects at normal incidence, Fresnel's |(1 − √ε)/(1 + √ε)|²."""
     root = jnp.sqrt(jnp.asarray(permittivity))
     return ((1.0 - root) / (1.0 + root)) ** 2
+
+
+def fresnel(surface: Surface, polarisation: str, cosine: Float[Array, "*points"]) -> Float[Array, "*points"]:
+    """Amplitude that a smooth face reflects at the cosine of the angle to its normal, of a wave whose electric field
+    lies in the plane of incidence ("vertical"; none is left at Brewster's angle, 66° for concrete) or across it
+    ("horizontal"). Fresnel's formulas, as in ITU-R P.527-6, section 6; permittivity real."""
+    square = jnp.asarray(surface.permittivity, cosine.dtype)
+    inside = jnp.sqrt(jnp.maximum(square - 1.0 + cosine**2, 1e-12))
+    outside = square * cosine if polarisation == "vertical" else cosine
+    return (outside - inside) / (outside + inside)
 
 
 def backscatter(surface: Surface, cosine: Float[Array, "*points"]) -> Float[Array, "*points"]:

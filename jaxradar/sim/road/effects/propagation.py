@@ -83,8 +83,8 @@ class Rain(RoadEffect):
 
 class WaterFilm(RoadEffect):
     """Water on the road: it reflects more (|R|² = 0.48 at 60 GHz and 20 °C, from ε = 11.9 − 19.5j: Liebe, Hufford and
-    Manabe, Int. J. Infrared Millim. Waves 12, 1991) as soon as it is thicker than its skin depth of 0.17 mm, and fills
-    the grain: `calm` is how much of slope and roughness it takes away (assumed)."""
+    Manabe, Int. J. Infrared Millim. Waves 12, 1991) as soon as it is thicker than the 0.17 mm after which 1/e of the
+    power is left, and fills the grain: `calm` is how much of slope and roughness it takes away (assumed)."""
 
     name: ClassVar[str] = "water-film"
     stage: ClassVar[str] = "surface"

@@ -40,8 +40,8 @@ class ReceiverNoise(RoadEffect):
     """Complex Gaussian noise, so that the envelope of nothing is Rayleigh: 164 counts give the mean of 206 of the
     thesis's table C.1 (whose spread, 89, is less than the Rayleigh's 107).
 
-    The receiver's band limits it like the echo: over range it is correlated as far as `width_m`. At 0 each bin has its
-    own.
+    Over range it is correlated as far as `width_m`; at 0 each bin has its own, which is what `range-smoothing`
+    averages: a scene that has that effect sets it to 0.
     """
 
     name: ClassVar[str] = "receiver-noise"

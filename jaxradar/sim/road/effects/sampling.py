@@ -41,8 +41,9 @@ class RangeSmoothing(RoadEffect):
     """The low-pass along range that the sensor puts on the envelope (the maker documents that it disturbs the first
     centimetres of a sweep): a Gaussian mean of magnitudes, each with noise of its own, `grain_m` apart.
 
-    The widths are those of the floor of the standing recordings: its mean is 6 times its standard deviation, where a
-    single magnitude has 1.9 (Rayleigh), and they are correlated over some 45 mm; so about nine are averaged.
+    The widths are those of the floor of the standing recordings: with their running average of 0.7 undone its mean is
+    about 6 times its standard deviation, where a single magnitude has 1.9 (Rayleigh), and it is correlated over some
+    45 mm; so about nine are averaged. `receiver-noise` must have `width_m = 0` beside it.
     """
 
     name: ClassVar[str] = "range-smoothing"
