@@ -23,7 +23,8 @@ from jaxradar.drive import Drive
 from jaxradar.sim.road.drives import HARD_M_S2
 from jaxradar.systems.step import RangeRateDetector, StepDetector, detect, load_detector
 
-DRIVES = 20
+DRIVES, STUDENT = 20, 2.093
+PARTS = 4
 ROADS = 48  # over whose speckle the mean echo is taken
 
 
@@ -43,9 +44,12 @@ def calm(scene: sim.RoadScene, sigma: float = 50.0) -> sim.RoadScene:
     return with_effects(smooth, *less, without=(sim.ReceiverNoise, sim.RunningAverage))
 
 
-def interval(values: list[float]) -> str:
-    """Mean and half the 95 % interval of it."""
-    return f"{np.mean(values):.1f} ± {1.96 * np.std(values, ddof=1) / math.sqrt(len(values)):.1f}"
+def interval(rates: list[float], each_s: float) -> str:
+    """Mean of rates, each over `each_s`, and half the 95 % interval of it (Student's t of 19 degrees of freedom); for
+    none at all the rate that would show one with 95 % (Poisson)."""
+    if not any(rates):
+        return f"< {-math.log(0.05) / (len(rates) * each_s):.1f}"
+    return f"{np.mean(rates):.1f} ± {STUDENT * np.std(rates, ddof=1) / math.sqrt(len(rates)):.1f}"
 
 
 def alarms(detector: StepDetector, drives: list[Drive], start_s: float, stop_s: float) -> list[float]:
@@ -64,13 +68,14 @@ def higher(scene: sim.RoadScene, height_m: float) -> sim.RoadScene:
     return dataclasses.replace(scene, road=(dataclasses.replace(element, height_m=height_m),))
 
 
-def sight_s(scene: sim.RoadScene) -> tuple[float, float]:
-    """When the step shows: in the strongest echo, whose mean over many roads has then moved half of its way from
-    r to r (1 − h/H); and in the cell at √2 H, which the echo of the step's face then crosses."""
+def sight_s(scene: sim.RoadScene, part: int = 0) -> tuple[float, float]:
+    """When the step shows, over one `part` of the roads that there are: in the strongest echo, whose mean over many
+    roads has then moved half of its way from r to r (1 − h/H); and in the cell at √2 H, which the echo of the step's
+    face then crosses."""
     (element,) = scene.road
     height, sensor = float(element.step_m), float(scene.mount.height_m)
     fine = dataclasses.replace(scene, effects=(), radar=dataclasses.replace(scene.radar, rate_hz=1000.0))
-    drives = drives_of(fine, ROADS)
+    drives = sim.simulate_batch([fine] * ROADS, range(ROADS * part, ROADS * (part + 1)))
     (step,) = drives[0].truth.steps if drives[0].truth is not None else ()
     series = drives[0].sensors[0]
     mean = np.mean([np.square(drive.sensors[0].sweeps, dtype=np.float64) for drive in drives], axis=0)
@@ -99,17 +104,20 @@ def lead_table() -> None:
     """Lead to the contact and to 15 m/s², for steps of 35 to 60 mm at 30 km/h."""
     trial = sim.load_scene("trial")
     print("Lead at 30 km/h in ms, without a detector's own delay (the thesis reports about 50 to 15 m/s²)")
-    print("                     strongest echo        cell at √2 H")
-    print("  height  hard after  contact  15 m/s²   contact  15 m/s²   body's peak")
+    print(f"(± half the range over {PARTS} sets of {ROADS} roads)")
+    print("                     strongest echo           cell at √2 H")
+    print("  height  hard after  contact  15 m/s²      contact  15 m/s²     body's peak")
     for height in (0.035, 0.040, 0.045, 0.050, 0.055, 0.060):
         scene = higher(trial, height)
         (step,) = sim.simulate(scene).truth.steps  # type: ignore[union-attr]
-        strongest, cell = sight_s(scene)
         assert step.hard_s is not None
-        leads = [1e3 * (until - seen) for seen in (strongest, cell) for until in (step.impact_s, step.hard_s)]
+        seen = np.array([sight_s(scene, part) for part in range(PARTS)])
+        leads = [1e3 * (until - seen.mean(axis=0)[cell]) for cell in (0, 1) for until in (step.impact_s, step.hard_s)]
+        spread = 1e3 * np.ptp(seen, axis=0) / 2
         print(
             f"  {1e3 * height:3.0f} mm{1e3 * (step.hard_s - step.impact_s):9.0f} ms"
-            f"{leads[0]:9.0f}{leads[1]:9.0f}{leads[2]:10.0f}{leads[3]:9.0f}{step.peak_m_s2:12.1f} m/s²"
+            f"{leads[0]:9.0f}{leads[1]:9.0f} ± {spread[0]:.0f}{leads[2]:8.0f}{leads[3]:9.0f} ± {spread[1]:.0f}"
+            f"{step.peak_m_s2:12.1f} m/s²"
         )
     low, high = 0.005, 0.1
     while high - low > 1e-5:
@@ -135,7 +143,7 @@ def even_road_table(thesis: StepDetector, default: StepDetector) -> None:
     print("Alarms a second on an even road at 30 km/h, 300 sweeps a second")
     for name, scene in variants.items():
         drives = drives_of(scene)
-        rates = [interval(alarms(one, drives, 0.2, 2.0)) for one in (thesis, default)]
+        rates = [interval(alarms(one, drives, 0.2, 2.0), 1.8) for one in (thesis, default)]
         print(f"  {name:36} thesis {rates[0]:>14}   default {rates[1]:>12}")
     print()
 
@@ -156,7 +164,7 @@ def pulling_away_table(thesis: StepDetector) -> None:
     ):
         drives = drives_of(one)
         row = [
-            interval(alarms(detector, drives, *span))
+            interval(alarms(detector, drives, *span), span[1] - span[0])
             for detector in (thesis, between_bins)
             for span in ((0.1, 0.5), (0.5, 1.5))
         ]

@@ -38,8 +38,8 @@ def compiler_options() -> dict[str, Any]:
 def compiled(function: Callable[..., Any], **jit_options: Any) -> Callable[..., Any]:
     """`jax.jit` with `compiler_options`, made at the first call, so that importing starts no device.
 
-    Has the `lower` and `trace` of `jax.jit` too. Not to be called inside another jit-compiled function: options belong to a whole
-    program.
+    Has the `lower` and `trace` of `jax.jit` too. Not to be called inside another jit-compiled function: options belong
+    to a whole program.
     """
 
     @functools.cache

@@ -47,8 +47,9 @@ ECHOES_A_PASS = 28  # echoes that are added in one pass over the nodes
 class Radar(Settings):
     """The sensor as it is set. Defaults: an A111 thinned as the thesis's program records it (table C.1).
 
-    The width of an echo and the gain are those of standing recordings (`scripts/compare_recordings.py`: 45 mm, which
-    the sensor's smoothing makes 63; 26 counts for each count of the receiver's noise), the gain at table C.1's noise.
+    The gain is that of standing recordings (`scripts/compare_recordings.py`: 22 counts for each count of the receiver's
+    noise) at the noise of table C.1. The width of an echo is assumed, between the 54 mm that fit those recordings with
+    the sensor's smoothing and the 66 mm of their narrowest echo.
 
     The beam's half-power widths, one way, are the maker's (55° in the E-plane, which is taken as the vertical one, and
     80°). The
@@ -66,7 +67,7 @@ class Radar(Settings):
     lateral_beam_deg: Setting = setting(80.0, 0.1, 360.0, "°", "half-power width, one way, across it")
     polarisation: str = choice_setting("vertical", ("vertical", "horizontal"), "the plane of the electric field")
     exponent: Setting = setting(2.0, 0.0, 8.0, "", "the amplitude of an echo falls as range to this power")
-    gain_counts: Setting = setting(4250.0, 0.0, 1e9, "counts", "amplitude of 1 m² at 1 m in the middle of the beam")
+    gain_counts: Setting = setting(3600.0, 0.0, 1e9, "counts", "amplitude of 1 m² at 1 m in the middle of the beam")
 
 
 class Echoes(NamedTuple):

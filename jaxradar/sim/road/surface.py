@@ -23,8 +23,8 @@ class Surface(Settings):
     """
 
     permittivity: Setting = setting(5.24, 1.0, 100.0, "", "relative, real part: 5.24 is concrete's (ITU-R P.2040-3)")
-    slope: Setting = setting(0.42, 0.01, 2.0, "", "rms slope of the facets")
-    grain_db: Setting = setting(-14.7, -60.0, 10.0, "dB", "backscatter of the grain at normal incidence")
+    slope: Setting = setting(0.30, 0.01, 2.0, "", "rms slope of the facets")
+    grain_db: Setting = setting(-8.1, -60.0, 10.0, "dB", "backscatter of the grain at normal incidence")
     rms_mm: Setting = setting(0.4, 0.0, 50.0, "mm", "rms height of what is smaller than the pulse")
 
 
@@ -74,13 +74,13 @@ def coherent_share(surface: Surface, cosine: Float[Array, "*points"], wavelength
 
 
 # Slope and grain are fitted to standing recordings of such roads (`scripts/compare_recordings.py`; one place each, so
-# good for a factor of 1.5 and 4 dB). Permittivity and roughness are assumed: concrete's for dry mineral roads, for
+# good for a factor of 1.5 and 6 dB). Permittivity and roughness are assumed: concrete's for dry mineral roads, for
 # water the real one that reflects as much as 11.9 − 19.5j (see `WaterFilm`), for a wet road one in between.
 SURFACES: dict[str, Surface] = {
     "asphalt": Surface(),
-    "wet-asphalt": Surface(permittivity=20.0, slope=0.25, grain_db=-17.5, rms_mm=0.3),
-    "gravel": Surface(slope=0.60, grain_db=-17.4, rms_mm=3.0),
-    "cement": Surface(slope=0.33, grain_db=-17.2, rms_mm=0.2),
-    "grass": Surface(permittivity=2.0, slope=0.34, grain_db=-11.2, rms_mm=10.0),
-    "water": Surface(permittivity=31.0, slope=0.23, grain_db=-17.4, rms_mm=0.2),
+    "wet-asphalt": Surface(permittivity=20.0, slope=0.21, grain_db=-15.5, rms_mm=0.3),
+    "gravel": Surface(slope=0.72, grain_db=-11.3, rms_mm=3.0),
+    "cement": Surface(slope=0.32, grain_db=-15.0, rms_mm=0.2),
+    "grass": Surface(permittivity=2.0, slope=0.40, grain_db=-9.3, rms_mm=10.0),
+    "water": Surface(permittivity=31.0, slope=0.21, grain_db=-15.3, rms_mm=0.2),
 }
