@@ -19,6 +19,7 @@ from jaxradar._numerics import compiled
 __all__ = ["bare_scene", "measure", "renderer"]
 
 BARE, ALL, WHOLE = "bare: a coherent diffuse road", "all effects", "all effects, springs, steps, roughness, a curve"
+DRIVES = 4
 ROAD = (sim.StepUp(at_m=30.0), sim.StepDown(at_m=60.0))
 
 
@@ -66,7 +67,7 @@ def renderer(scene: sim.RoadScene) -> Callable[[int], object]:
 def measure(settings: Settings) -> Section:
     duration_s = 2.0 if settings.quick else 20.0
     sweeps = round(300 * duration_s)
-    title = f"two drives of {sweeps} sweeps of 128 bins at once; {settings.rounds} rounds"
+    title = f"{DRIVES} drives of {sweeps} sweeps of 128 bins, two at once; {settings.rounds} rounds"
     section = Section("scenes", title, ("scene", "sweeps/s", "us a sweep", "more than bare", "range"))
     calls: dict[str, Callable[[], object]] = {}
     with ThreadPoolExecutor(2) as pool:
@@ -74,11 +75,11 @@ def measure(settings: Settings) -> Section:
             say(f"compiling {name}")
             call = renderer(scene)
             call(0)
-            calls[name] = lambda call=call: list(pool.map(call, (1, 2)))
+            calls[name] = lambda call=call: list(pool.map(call, range(DRIVES)))
         times = rounds(calls, settings.rounds, "scenes")
     for name, seconds in times.items():
-        each = spread(1e6 * seconds / (2 * sweeps))
-        more = spread(1e6 * (seconds - times[BARE]) / (2 * sweeps))
+        each = spread(1e6 * seconds / (DRIVES * sweeps))
+        more = spread(1e6 * (seconds - times[BARE]) / (DRIVES * sweeps))
         numbers = {"us": each.median, "more_us": more.median, "sweeps_s": 1e6 / each.median}
         cells = [name, f"{1e6 / each.median:,.0f}", figure(each.median)]
         cells += ["", ""] if name == BARE else [f"{more.median:+.2f}", f"{more.low:+.2f}..{more.high:+.2f}"]
