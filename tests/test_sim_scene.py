@@ -204,10 +204,7 @@ def test_a_step_at_the_start_standing_and_in_reverse(speed, at):
 
 def test_a_window_that_ends_before_the_road_is_silent():
     near = dataclasses.replace(BARE, radar=sim.Radar(start_m=0.05, bin_m=0.001, bins=64))
-    far = dataclasses.replace(BARE, radar=sim.Radar(start_m=2.0, bin_m=0.01, bins=64))
-    loud = rendered(BARE).sweeps.max()
-    for scene in (near, far):
-        assert rendered(scene).sweeps.max() < 2e-3 * loud
+    assert rendered(near).sweeps.max() < 1e-3 * rendered(BARE).sweeps.max()
 
 
 def test_an_empty_scene_is_silent_and_no_noise_is_none():
