@@ -168,7 +168,8 @@ class Mounting:
 class RoadStep:
     """A step in the road; all times in seconds since the first sweep of the drive, None what is not known.
 
-    - `impact_s`: first contact of a front tyre. `height_m`: positive upwards.
+    - `impact_s`: first contact of a front tyre. `height_m`: positive upwards in the direction of travel.
+    - `at_m`: where it is, along the path from where the sensor was when the drive began.
     - `wheels_s`: when each wheel touches it, front right, front left, rear right, rear left; None for one that does
       not.
     - `peak_m_s2`: the body's largest vertical acceleration soon afterwards, without sign; `hard_s`: when it first is
@@ -182,6 +183,7 @@ class RoadStep:
     wheels_s: tuple[float | None, ...] | None = None
     peak_m_s2: float | None = None
     hard_s: float | None = None
+    at_m: float | None = None
 
     def __post_init__(self) -> None:
         if not abs(self.impact_s) < _MOST_SECONDS:

@@ -43,11 +43,17 @@ def test_the_demo_needs_nothing_and_can_be_run_again(tmp_path: Path) -> None:
     assert rows["default"][5:7] == ["1", "0"]
     assert 0 < int(rows["default"][8]) <= 50
     assert "a hit is luck" in first
-    # Another drive in the same folder takes the place of the first.
-    assert main(["demo", "-o", str(folder), "--seed", "1"]) == 0
     for path in ("log", "thesis.png", "default.png", "sweeps.png"):
         assert f"jaxradar-demo/{path}\n" in first
     assert max(map(len, first.splitlines())) <= 80
+
+
+@pytest.mark.long
+def test_another_demo_takes_the_place_of_the_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "-o", str(tmp_path), "--scene", "flat-asphalt"]) == 0
+    assert "alarms of the thesis's rule for 0 steps" in capsys.readouterr().out
+    assert main(["demo", "-o", str(tmp_path), "--seed", "1"]) == 0
+    assert "A front tyre meets 40 mm" in capsys.readouterr().out
 
 
 def test_the_demo_leaves_a_strange_folder_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -56,7 +56,7 @@ def test_info_says_what_a_log_holds(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert sensor["spec"] == {"profile": 2}
     assert said["motion"]["speed_m_s"] == {"samples": 2, "least": 2.0, "greatest": 3.0}
     assert said["motion"]["acceleration_m_s2"] is None
-    unknown = {"wheels_s": None, "peak_m_s2": None, "hard_s": None}
+    unknown = {"wheels_s": None, "peak_m_s2": None, "hard_s": None, "at_m": None}
     assert said["truth"] == [{"impact_s": 0.04, "height_m": 0.03, **unknown}]
     assert main(["info", str(tmp_path / "small.drive")]) == 0
     text = capsys.readouterr().out

@@ -74,16 +74,27 @@ def test_binary_drives_hold_the_same(scene: str, tmp_path: Path) -> None:
     assert main(["simulate", scene, "-o", str(tmp_path), "--form", "drive", "--overwrite"]) == 0
 
 
-def test_explain_says_what_matters(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.fixture
+def rainy(tmp_path: Path) -> Path:
     path = tmp_path / "bare.toml"
     effects = [f'[[effects]]\neffect = "{name}"\n' for name in ("receiver-noise", "rain")]
     path.write_text('format = 1\nscene = "road"\nduration_s = 0.1\n' + "".join(effects))
+    return path
+
+
+def test_explain_says_what_matters(rainy: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = rainy
     assert main(["simulate", str(path), "--explain", "--json"]) == 0
     table = json.loads(capsys.readouterr().out)
     assert {row["effect"]: row["kept"] for row in table["effects"]} == {"receiver-noise": True, "rain": False}
     assert all(row["why"] for row in table["effects"])
-    assert table["bare"]["operations"] > 0
-    assert main(["simulate", str(path), "--explain", "--significant", "-o", str(tmp_path / "out")]) == 0
+    assert table["bare"]["operations"] > 1e5  # some 200 scatterers, each in 50 places
+    assert table["together"]["level_db"] < -40
+
+
+@pytest.mark.long
+def test_what_does_not_matter_is_left_out(rainy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", str(rainy), "--explain", "--significant", "-o", str(tmp_path / "out")]) == 0
     assert "rain: dropped" in capsys.readouterr().out
     assert (tmp_path / "out" / "bare-000" / "3.csv").exists()
 

@@ -202,6 +202,21 @@ def test_a_step_at_the_start_standing_and_in_reverse(speed, at):
         )
 
 
+def test_backwards_over_a_step_is_a_step_down_and_the_left_wheel_is_first_at_a_slanted_edge():
+    back = dataclasses.replace(STEPPED, road=(sim.StepUp(at_m=-0.5),), motion=sim.CarMotion(-3.0))
+    (step,) = sim.simulate(back).truth.steps
+    # The front axle, 0.15 m behind the sensor, rolls off the edge 0.35 m further back; the rear axle stands beyond it.
+    assert step.impact_s == pytest.approx(0.35 / 3.0, abs=1e-3)
+    assert (step.height_m, step.at_m) == (-0.04, -0.5)
+    assert step.wheels_s[2:] == (None, None)
+
+    slanted = dataclasses.replace(STEPPED, road=(sim.StepUp(at_m=1.2, oblique_deg=20.0),))
+    (step,) = sim.simulate(slanted).truth.steps
+    right, left = step.wheels_s[:2]
+    assert right - left == pytest.approx(2 * 0.5 * np.tan(np.radians(20.0)) / (30 / 3.6), rel=1e-2)
+    assert step.impact_s == left
+
+
 def test_a_window_that_ends_before_the_road_is_silent():
     near = dataclasses.replace(BARE, radar=sim.Radar(start_m=0.05, bin_m=0.001, bins=64))
     assert rendered(near).sweeps.max() < 1e-3 * rendered(BARE).sweeps.max()

@@ -244,7 +244,7 @@ def test_both_forms_of_reduction_give_the_same_events(name: str) -> None:
     assert np.asarray(decisions[0].valid).any()
 
 
-@pytest.mark.parametrize("name", ["thesis", "few cells"])
+@pytest.mark.parametrize("name", ["thesis", pytest.param("few cells", marks=pytest.mark.long)])
 def test_only_what_is_picked_comes_out(name: str) -> None:
     detector, inputs, axis = DETECTORS[name], batch(3, 64, 127), axis_of(127)
     with precision(detector):

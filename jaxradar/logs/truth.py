@@ -2,7 +2,7 @@
 
     {
       "steps": [{"impact_s": 1.25, "height_m": 0.03, "wheels_s": [1.25, 1.25, 1.44, 1.44],
-                 "peak_m_s2": 13.9, "hard_s": null}],
+                 "peak_m_s2": 13.9, "hard_s": null, "at_m": 102.83}],
       "mounting": {"height_m": 0.35, "angle_deg": 45, "front_wheel_m": 0.15}
     }
 
@@ -76,7 +76,7 @@ def _step(path: Path, place: str, step: Any) -> RoadStep:
     impact_s = _number(path, place, step, "impact_s")
     if impact_s is None:
         raise LogError(path, f"{place} lacks `impact_s`, the first contact of a front tyre in seconds.")
-    numbers = {name: _number(path, place, step, name) for name in ("height_m", "peak_m_s2", "hard_s")}
+    numbers = {name: _number(path, place, step, name) for name in ("height_m", "peak_m_s2", "hard_s", "at_m")}
     wheels = step.get("wheels_s")
     if wheels is not None:
         if not isinstance(wheels, list):

@@ -185,6 +185,7 @@ def _steps(plan: Plan, scene: RoadScene, found: Any, begin_s: float) -> tuple[Ro
                 wheels_s=tuple(None if time is None else time - begin_s for time in wheels),
                 peak_m_s2=peak,
                 hard_s=None if hard is None else hard - begin_s,
+                at_m=float(element.at_m),
             )
         )
     return tuple(sorted(steps, key=lambda step: step.impact_s))
