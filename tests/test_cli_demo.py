@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from log_samples import trial_drive
+from log_samples import sample_drive, trial_drive
 
 from jaxradar.cli import main
 from jaxradar.logs import read_log, write_log
@@ -67,7 +66,7 @@ def test_the_demo_leaves_a_strange_folder_alone(tmp_path: Path, capsys: pytest.C
 
 
 def test_the_demo_leaves_a_recording_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_log(replace(trial_drive(seed=3), truth=None), tmp_path / "log")
+    write_log(sample_drive(), tmp_path / "log")
     before = (tmp_path / "log" / "3.csv").read_bytes()
     assert main(["demo", "-o", str(tmp_path)]) == 1
     assert "left alone" in capsys.readouterr().err

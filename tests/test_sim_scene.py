@@ -56,7 +56,7 @@ def oracle(scene, number):
     return np.abs(pulse @ echo)
 
 
-@pytest.mark.parametrize("number", [0, 7])
+@pytest.mark.parametrize("number", [pytest.param(0, marks=pytest.mark.long), 7])
 def test_a_sweep_is_the_coherent_sum_of_the_formulas(number):
     wanted = oracle(BARE, number)
     assert np.abs(rendered(BARE, dtype=jnp.float64).sweeps[number] - wanted).max() < 3e-3 * wanted.max()
@@ -158,6 +158,7 @@ def test_two_effects_of_a_class_have_their_own_draws():
         dataclasses.replace(BARE, effects=(sim.ReceiverNoise(), sim.ReceiverNoise()))
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_drive():
     one, again, other = sim.simulate(STEPPED, 3), sim.simulate(STEPPED, 3), sim.simulate(STEPPED, 4)
     assert_array_equal(one.sensors[0].sweeps, again.sensors[0].sweeps)

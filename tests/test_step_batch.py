@@ -161,6 +161,7 @@ def test_blocks_and_what_is_left_of_them(name: str, gaps: bool, monkeypatch: pyt
     assert_same(together, one_log_after_the_other(detector, axis, inputs), inputs[-1])
 
 
+@pytest.mark.long
 def test_many_logs_go_to_threads_and_come_back_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
     detector, inputs, axis = DETECTORS["few cells"], batch(130, 7, 16), axis_of(16)
     wanted = one_log_after_the_other(detector, axis, inputs)
@@ -325,7 +326,9 @@ def test_gradient_through_a_batch_agrees_with_central_differences(options: dict[
             assert (abs(float(slopes[name])) > 1e-6) == (name != "exponent" or options != {"peak": "soft-argmax"})
 
 
-@pytest.mark.parametrize("name", ["few cells", "soft-argmax", "parabola", "matched filter"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("few cells", marks=pytest.mark.long), "soft-argmax", "parabola", "matched filter"]
+)
 def test_gradients_through_a_batch_are_finite(name: str, precision: str) -> None:
     counts, flags, dt, lengths = batch(3, 24, 64, seed=4)
     axis = axis_of(64)

@@ -70,6 +70,7 @@ def test_receiver_noise_alone_is_invalid() -> None:
     assert trace.events == ()
 
 
+@pytest.mark.long
 def test_an_echo_in_that_noise_is_valid_and_a_step_of_it_found() -> None:
     generator = np.random.default_rng(2)
     hits, false_alarms = 0, 0
@@ -112,6 +113,7 @@ def test_steps_soon_after_each_other_are_one_and_later_ones_two() -> None:
     assert [event.sweep for event in detect(DEFAULT, at(40, 80)).events] == [40, 80]
 
 
+@pytest.mark.long
 def test_a_shift_between_profiles_that_have_little_in_common_is_none() -> None:
     generator = np.random.default_rng(8)
     # Blobs as wide as a pulse, new in every sweep: noise at full resolution without averaging.
@@ -167,6 +169,7 @@ def test_a_new_track_does_not_shorten_the_refractory_time() -> None:
     assert [event.sweep for event in detect(DEFAULT, log).events] == [40]
 
 
+@pytest.mark.long
 def test_a_higher_gate_keeps_out_the_noise_of_sweeps_that_were_not_averaged(road_recordings) -> None:
     """The sensor averaged with factor .7; without it (the thesis's own setting) the noise in the gap is rougher."""
     log = read_log(road_recordings["demo1"]).sensors[0]
@@ -196,6 +199,7 @@ def test_saturated_sweeps_are_flagged_and_used() -> None:
     assert trace.range_m[0] == pytest.approx(RANGE_M[plateau].mean(), abs=1e-4)
 
 
+@pytest.mark.long
 def test_fine_and_coarse_bins_give_the_same_answer() -> None:
     fine = 0.1 + 0.000484 * np.arange(1450)
     sweeps = [echo(0.4 - 0.03 * (i >= 30), axis=fine) for i in range(60)]
@@ -204,6 +208,7 @@ def test_fine_and_coarse_bins_give_the_same_answer() -> None:
     np.testing.assert_allclose(traces[0].range_m, traces[1].range_m, atol=1e-3)
 
 
+@pytest.mark.long
 def test_exponent_chooses_the_farther_of_two_equal_echoes() -> None:
     log = series([echo(0.35).astype(int) + echo(0.7, 1900) - 100])
     assert detect(DEFAULT, log).range_m[0] == pytest.approx(0.35, abs=0.003)
@@ -221,6 +226,7 @@ def test_standing_recordings_raise_nothing_and_injected_steps_are_seen(road_reco
             assert any(50 <= event.sweep <= deadline for event in detect(DEFAULT, stepped).events), (name, rate)
 
 
+@pytest.mark.long
 def test_demo1_is_invalid_while_its_echo_is_gone(road_recordings) -> None:
     trace = detect(DEFAULT, read_log(road_recordings["demo1"]).sensors[0])
     gone = (trace.times_s > 6.3) & (trace.times_s < 7.6)

@@ -62,11 +62,11 @@ def _run(args: argparse.Namespace) -> int:
 
     scene = load_scene(args.scene)
     log = folder / "log"
-    made = simulate(scene, args.seed)
     # What is made here is known by the scene beside it: a recording of the user's may bear the same name.
     marker = folder / "scene.toml"
     if log.exists() and not marker.exists():
         raise LogError(log, "was not written by a demo and is left alone; give another --output.")
+    made = simulate(scene, args.seed)
     marker.write_text(dump_scene(scene), encoding="utf-8")
     write_log(made, log, overwrite=True)
     # From here on, what anybody's log would go through.
