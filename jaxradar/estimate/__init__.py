@@ -1,0 +1,1 @@
+"""Physical quantities out of signals, and how well that can be done."""
