@@ -73,3 +73,14 @@ def test_gross_errors_set_in_below_the_threshold() -> None:
         bounds.white_bound_m(20.0, 0.04, 0.0)
     with pytest.raises(ValueError, match="positive definite"):
         bounds.coloured_bound_m(np.ones(2), np.zeros((2, 2)))
+
+
+@pytest.mark.parametrize(("share", "within"), [(0.3, 2e-7), (0.5, 0.012)])
+def test_the_sum_over_bins_is_the_integral_while_bins_are_narrow(share: float, within: float) -> None:
+    bin_m = share * FWHM_M
+    for shifted in (0.0, 0.25, 0.5):
+        offset = (np.arange(-60, 61) - shifted) * bin_m
+        sigma = SIGMA_PER_FWHM * FWHM_M
+        slope = np.exp(-0.5 * (offset / sigma) ** 2) * offset / sigma**2
+        exact = bounds.coloured_bound_m(slope, 0.01 * np.eye(121))
+        assert bounds.white_bound_m(20.0, FWHM_M, bin_m) == pytest.approx(exact, rel=within)

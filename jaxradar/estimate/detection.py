@@ -70,7 +70,8 @@ def cusum_run_length(threshold: float, reference: float, drift: float = 0.0) -> 
     """Mean samples to an alarm of S = max(0, S + x − k) > h, x of standard deviation 1 and mean `drift`.
 
     (e^(−2Δb) + 2Δb − 1)/(2Δ²), Δ = `drift` − k, b = h + 1.166; b² for Δ = 0. Siegmund's corrected diffusion
-    (Sequential Analysis, equation 2.56); within 3 % for runs of 50 samples and more, and |Δ| up to 1.
+    (Sequential Analysis, equation 2.56); compared with simulated walks of 8, 77 and 119 samples
+    it is within 4 %.
     """
     excess, barrier = drift - reference, threshold + CUSUM_OVERSHOOT
     if abs(excess) < 1e-6:
@@ -95,7 +96,7 @@ def cusum_threshold(samples: float, reference: float) -> float:
 
 
 def _overshoot(x: float) -> float:
-    """Siegmund's ν(x), of the discrete walk over a boundary: within 1 % for all x (Siegmund and Yakir, The Statistics
+    """Siegmund's ν(x), of the discrete walk over a boundary, in its closed approximation (Siegmund and Yakir, The Statistics
     of Gene Mapping, 2007, section 5.2)."""
     if x < 1e-8:
         return 1.0
@@ -110,7 +111,8 @@ def moving_sum_false_alarms(threshold: float, window: int) -> float:
     last `window` samples over √`window` rises above `threshold`, one-sided.
 
     b φ(b) ν(b √(2/m))/m, the rate at which clumps of exceedances come (Siegmund and Yakir, section 5.2: the sum's
-    correlation falls as |lag|/m); asymptotic, for a probability per window that is small.
+    correlation falls as |lag|/m); asymptotic, for a probability per window that is small;
+    within 25 % of simulated rates at thresholds of 3 to 3.5.
     """
     if window < 1:
         raise ValueError(f"`window` must be 1 or more; got {window}.")

@@ -52,8 +52,7 @@ class Radar(Settings):
     the sensor's smoothing and the 66 mm of their narrowest echo.
 
     The beam's half-power widths, one way, are the maker's (55° in the E-plane, which is taken as the vertical one, and
-    80°). The
-    amplitude of an echo falls as r^−exponent: 2 is the radar equation's for a point (power as r⁻⁴).
+    80°). The amplitude of an echo falls as r^−exponent: 2 is the radar equation's for a point (power as r⁻⁴).
     """
 
     start_m: float = shape_setting(0.099768, 0.0, 100.0, "m", "slant range of the first bin")

@@ -26,8 +26,7 @@ from jaxradar.sim.road.vehicle import QuarterCar
 __all__ = ["HARD_M_S2", "drive_seeds", "simulate", "simulate_batch", "simulate_each"]
 
 HARD_M_S2 = 15.0  # what the thesis calls a step that matters (section 6.2)
-# At once: a render keeps about one and a half cores busy, and what it leaves idle another one uses.
-THREADS = max(1, round(0.7 * (os.cpu_count() or 1)) + 1) if (os.cpu_count() or 1) > 1 else 1
+THREADS = min(8, os.cpu_count() or 1)  # at once: what one render leaves idle of the processor, another one uses
 
 _one = compiled(lambda plan, scene, key: render(plan, scene, key), static_argnums=0)
 
