@@ -114,6 +114,9 @@ def test_scenes_are_listed_and_printed(capsys: pytest.CaptureFixture[str]) -> No
         (["trail", "--explain"], "did you mean `trial`?"),
         (["trial", "-o", "x", "-n", "0"], "expected a whole number >= 1"),
         (["trial", "-o", "/proc/nowhere"], "cannot be made"),
+        (["trial", "-o", "x", "--seed", str(2**63)], "--seed: expected a whole number <= 9223372036854775807"),
+        (["trial", "-o", "x", "--seed", "9" * 5000], "--seed: expected a whole number"),
+        (["trial", "-o", "x", "--seed", "-1"], "--seed: expected a whole number >= 0"),
     ],
 )
 def test_wrong_use_is_one_sentence(arguments: list[str], wanted: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -121,3 +124,13 @@ def test_wrong_use_is_one_sentence(arguments: list[str], wanted: str, capsys: py
     said = capsys.readouterr().err
     assert wanted in said
     assert said.count("\n") == 1
+
+
+def test_a_wrong_scene_file_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text('format = 1\nscene = "road"\n[[road]]\nelement = ["step-up"]\n')
+    assert main(["simulate", str(path), "-o", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"jaxradar: {path}: `element` of [[road]] number 1 is ['step-up']")
+    assert said.count("\n") == 1
+    assert not (tmp_path / "out").exists()

@@ -45,6 +45,7 @@ def test_everything_that_a_scene_may_hold_survives(tmp_path: Path) -> None:
 
 
 HEAD = 'format = 1\nscene = "road"\n'
+HUGE = "1" + 400 * "0"  # too large for a float
 
 
 @pytest.mark.parametrize(
@@ -69,6 +70,34 @@ HEAD = 'format = 1\nscene = "road"\n'
         (HEAD + "[[motion.changes]]\nat_s = true", "`at_s` in [[motion.changes]] number 1 must be a number; got True"),
         (HEAD + "duration_s = nan", "`RoadScene(duration_s=...)` must be between 0.0 and 1000000.0 s; got nan"),
         (HEAD + "radar.bins = ", "expected a TOML file"),
+        (HEAD + '[[road]]\nelement = ["kerb"]', "`element` of [[road]] number 1 is ['kerb']"),
+        (HEAD + "[[road]]\nelement = {a = 1}", "`element` of [[road]] number 1 is {'a': 1}"),
+        (HEAD + '[[effects]]\neffect = ["rain"]', "`effect` of [[effects]] number 1 is ['rain']"),
+        (HEAD + "[[effects]]\neffect = {a = 1}", "`effect` of [[effects]] number 1 is {'a': 1}"),
+        (HEAD + '[surface]\nname = ["gravel"]', "unknown surface ['gravel']"),
+        (HEAD + "[surface.name]\na = 1", "unknown surface {'a': 1}"),
+        (HEAD + "[vehicle]\nmodel = []", "`model` of [vehicle] is []; expected quarter-car"),
+        (HEAD + "[radar]\nbins = inf", "`bins` in [radar] must be a whole number; got inf"),
+        (HEAD + "[radar]\nbins = nan", "`bins` in [radar] must be a whole number; got nan"),
+        (HEAD + "[radar]\nbins = 1e30", "`Radar(bins=...)` must be between 2 and 100000; got 1000000000"),
+        (HEAD + f"[radar]\nbins = {HUGE}", "`bins` in [radar] is larger than any number a computer holds"),
+        (HEAD + f"duration_s = {HUGE}", "`duration_s` in the scene is larger than any number a computer holds"),
+        (HEAD + f"[motion]\nspeed_m_s = -{HUGE}", "`speed_m_s` in [motion] is larger than any number"),
+        (HEAD + "[mount]\nheight_m = 1e400", "`Mount(height_m=...)` must be between 0.02 and 10.0 m; got inf"),
+        (HEAD + "[motion.curve]\nradius_m = 0", "`Curve(radius_m=...)` must be 0.5 m at least, to either side; got 0"),
+        (HEAD + "[motion.curve]\nstart_s = 2\nstop_s = 1", "`Curve(start_s=...)` must not be later than stop_s; got 2"),
+        (
+            HEAD + "[[motion.changes]]\nat_s = 2\n[[motion.changes]]\nat_s = 1",
+            "`CarMotion(changes[...].at_s=...)` must not be later than the next one's; got 2 and 1",
+        ),
+        (
+            HEAD + '[radar]\nbins = 64\n[[effects]]\neffect = "thinning"\nbins = 65',
+            "`RoadScene(effects=...)`: thinning must keep at most the radar's 64 bins; got 65",
+        ),
+        (
+            HEAD + "".join(f'[[road]]\nelement = "step-up"\nat_m = {at}\nheight_m = 0.2\n' for at in (3, 1)),
+            "`RoadScene(road=...)` must not be higher than the sensor, 0.35 m; got 0.4 m with a step-up of 0.2 m",
+        ),
     ],
 )
 def test_a_wrong_scene_is_one_sentence(text: str, wanted: str, tmp_path: Path) -> None:
@@ -78,6 +107,13 @@ def test_a_wrong_scene_is_one_sentence(text: str, wanted: str, tmp_path: Path) -
         sim.load_scene(path)
     assert wanted in str(caught.value)
     assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_steps_that_add_up_are_low_enough_for_a_car_that_climbs_them(tmp_path: Path) -> None:
+    steps = "".join(f'[[road]]\nelement = "step-up"\nat_m = {at}\nheight_m = 0.2\n' for at in (3, 1))
+    (tmp_path / "scene.toml").write_text(HEAD + "[vehicle]\n" + steps)
+    assert len(sim.load_scene(tmp_path / "scene.toml").road) == 2
 
 
 def test_an_unknown_name_is_answered_with_the_nearest() -> None:

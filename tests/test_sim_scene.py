@@ -1,7 +1,9 @@
 """Scenes as a whole: a float64 oracle, only what is called for, the same draws whatever else there is, hard cases."""
 
 import dataclasses
+from functools import partial
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,11 +13,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 from jaxradar import ConfigError, sim
 from jaxradar._numerics import compiled
 from jaxradar.drive import SweepFlag
+from jaxradar.sim.clock import Clock
+from jaxradar.sim.explain import Tolerance, _difference
+from jaxradar.sim.road.echoes import ground_paths
 from jaxradar.sim.road.effects import EFFECTS
-from jaxradar.sim.road.ground import lay_points
+from jaxradar.sim.road.ground import Points, lay_points, road_height
 from jaxradar.sim.road.plan import plan_scene
-from jaxradar.sim.road.render import render
-from jaxradar.sim.scene import named_stream, of_stage
+from jaxradar.sim.road.render import Rendered, _pose, render
+from jaxradar.sim.road.tyre import wheel_height
+from jaxradar.sim.scene import Effect, named_stream, of_stage
 
 BARE = sim.RoadScene(duration_s=0.1)
 STEPPED = sim.RoadScene(duration_s=0.2, road=(sim.StepUp(at_m=1.2),), vehicle=sim.QuarterCar())
@@ -176,6 +182,86 @@ def test_a_batch_is_each_scene_by_itself():
         sim.simulate_batch([STEPPED, BARE], [0, 0])
 
 
+def test_an_effect_of_no_stage_of_a_road_is_refused():
+    with pytest.raises(TypeError, match=r"`Fog.stage` must be one of clock, surface.*; got 'air'"):
+        type("Fog", (sim.RoadEffect,), {"name": "fog", "stage": "air", "explains": ""})
+
+    class Glare(Effect):
+        name, stage, explains = "glare", "field", ""
+
+    # The tests' type checker would refuse it first; a user has none, so the scene's own check is called.
+    scene = dataclasses.replace(BARE, effects=(sim.Rain(),))
+    foreign = eqx.tree_at(lambda one: one.effects[0], scene, Glare())
+    with pytest.raises(ValueError, match="takes effects of a road; got Glare"):
+        foreign.__check_init__()
+
+
+@pytest.mark.long
+def test_scenes_mapped_over_are_the_scenes_one_by_one():
+    scenes = [
+        dataclasses.replace(BARE, duration_s=0.03, spacing_m=0.02, road=(sim.StepUp(at_m=0.3, height_m=height),))
+        for height in (0.0, 0.03, 0.05)
+    ]
+    batch = jax.tree.map(lambda *leaves: np.stack(leaves), *scenes)
+    plan, key = plan_scene(batch), jax.random.key(2)
+    with jax.enable_x64(True):
+        run = partial(render, plan)
+        together = jax.jit(jax.vmap(run, in_axes=(0, None)))(batch, key).sweeps
+        alone = jax.jit(run)
+        for scene, sweeps in zip(scenes, np.asarray(together), strict=True):
+            assert_allclose(sweeps, alone(scene, key).sweeps, rtol=1e-3, atol=1e-3 * sweeps.max())
+    assert np.abs(together[1] - together[2]).max() > 0.1 * together.max()
+
+
+def of_counts(values, saturated=False):
+    """A record of one sweep."""
+    values = np.asarray(values)[None]
+    clock = Clock(np.zeros(1), np.zeros(1), np.ones(1, bool))
+    return Rendered(clock, values, np.full(1, saturated), None, None)
+
+
+def test_a_change_in_kind_matters_however_small():
+    scene = dataclasses.replace(BARE, radar=sim.Radar(bins=4))
+    counts = [100.0, 300.0, 200.0, 0.0]
+    floats, whole = of_counts(np.float32(counts)), of_counts(np.uint16(counts))
+    assert not _difference(floats, floats, scene).why(Tolerance())
+    rounded = _difference(whole, floats, scene)
+    assert rounded.level_db == -np.inf
+    assert rounded.why(Tolerance()) == "the record holds uint16 for it and not float32"
+    flagged = _difference(of_counts(np.float32(counts), saturated=True), floats, scene)
+    assert flagged.level_db == -np.inf
+    assert flagged.why(Tolerance()) == "100.0% of the sweeps are flagged for it"
+    thinned = _difference(of_counts(np.float32(counts[::2])), floats, scene)
+    assert thinned.why(Tolerance()) == "the record has other range bins for it"
+
+
+@pytest.mark.parametrize("radius", [10.0, -10.0], ids=["left", "right"])
+def test_in_a_bend_the_beam_leans_inwards(radius):
+    """The body leans outwards; its underside, and a sensor that looks straight down, turn inwards by h times roll."""
+    scene = dataclasses.replace(
+        BARE,
+        mount=sim.Mount(angle_deg=90.0),
+        motion=sim.CarMotion(5.0, curve=sim.Curve(-1.0, 1.0, radius)),
+        vehicle=sim.QuarterCar(roll_deg_per_m_s2=2.0),
+        # So narrow that neither the surface nor the range law moves the largest echo.
+        radar=sim.Radar(lateral_beam_deg=3.0, exponent=0.0),
+    )
+    with jax.enable_x64(True):
+        across = np.linspace(-0.1, 0.1, 2001)
+
+        @jax.jit
+        def seen(scene):
+            pose = jax.tree.map(lambda one: one[0], _pose(scene, jnp.zeros(1), jnp.full(1, 5.0), None))
+            points = Points(jnp.asarray(across), jnp.ones(2001), jnp.zeros(2001))
+            # No distance between points: all are abreast of the sensor.
+            return pose.roll_rad, ground_paths(scene.radar, scene.surface, points, 0.0, (), False, pose).amplitude
+
+        rolled, amplitude = seen(scene)
+    roll = np.radians(2.0 * 5.0**2 / radius)
+    assert rolled == pytest.approx(roll)
+    assert across[np.argmax(amplitude)] == pytest.approx(0.35 * roll, abs=5e-4)
+
+
 # -- hard cases ----------------------------------------------------------------------------------------------------
 
 
@@ -218,6 +304,23 @@ def test_backwards_over_a_step_is_a_step_down_and_the_left_wheel_is_first_at_a_s
     assert step.impact_s == left
 
 
+@pytest.mark.parametrize("oblique_deg", [-35.0, 20.0])
+def test_a_wheel_touches_an_oblique_step_when_it_first_rises(oblique_deg):
+    element = sim.StepUp(at_m=1.2, oblique_deg=oblique_deg)
+    (step,) = sim.simulate(dataclasses.replace(STEPPED, road=(element,))).truth.steps
+    fine_s = np.arange(0.0, 0.7, 1e-4)
+    axles, sides = (0.15, 0.15 + 1.6), (-0.5, 0.5)  # the right side has y < 0
+    tracks = [(30 / 3.6 * fine_s - axle, np.full_like(fine_s, side)) for axle in axles for side in sides]
+    with jax.enable_x64(True):
+        x, y = (jnp.asarray(np.concatenate(one)) for one in zip(*tracks, strict=True))
+        rolled = lambda road: wheel_height(lambda x, y: road_height(road, None, x, y), road, x, y, 0.2)  # noqa: E731
+        height = jax.jit(rolled)((element,))
+    rises = np.asarray(height).reshape(4, -1) > 1e-6
+    assert_allclose(step.wheels_s, fine_s[rises.argmax(axis=1)], rtol=0, atol=2e-4)
+    assert step.impact_s == min(step.wheels_s)
+    assert (step.wheels_s[1] < step.wheels_s[0]) == (oblique_deg > 0)
+
+
 def test_a_window_that_ends_before_the_road_is_silent():
     near = dataclasses.replace(BARE, radar=sim.Radar(start_m=0.05, bin_m=0.001, bins=64))
     assert rendered(near).sweeps.max() < 1e-3 * rendered(BARE).sweeps.max()
@@ -244,6 +347,11 @@ def test_what_makes_no_sense_is_refused_at_construction():
         dataclasses.replace(BARE, road=(sim.StepUp(height_m=0.4),))
     with pytest.raises(ConfigError, match="scatterers"):
         plan_scene(dataclasses.replace(BARE, duration_s=100_000.0))
+    standing = dataclasses.replace(BARE, motion=sim.CarMotion(0.0))
+    with pytest.raises(ConfigError, match=r"12,800,000,000 amplitudes, .*: lower `duration_s`"):
+        plan_scene(dataclasses.replace(standing, duration_s=1e6))
+    with pytest.raises(ConfigError, match=r"moments, .*: shorten `duration_s`"):
+        plan_scene(dataclasses.replace(standing, duration_s=1e6, radar=sim.Radar(rate_hz=1.0)))
 
 
 def test_saturated_sweeps_are_flagged():

@@ -23,6 +23,8 @@ LOOK_S = 0.02  # between two looks at how far the car goes
 BEAM = 1.36  # two-way amplitude is 0.6 % so many half-power widths off the line of sight
 BLOCK = 256  # sweeps that are made side by side
 MOST_POINTS = 20_000_000
+MOST_AMPLITUDES = 2_000_000_000  # of a record: 8 GB
+MOST_MOMENTS = 100_000_000  # at which the motion is worked out: 14 hours
 MOST_CLIMB_M_S = 1.0  # of the sensor on its springs, as far as range walk is concerned
 BAND = 3.5  # the pulse's band ends at so many over σ
 
@@ -83,11 +85,14 @@ def plan_scene(scene: RoadScene) -> Plan:
     visible = ECHOES_A_PASS * math.ceil(((ahead_m + behind_m) / scene.spacing_m + 2) / ECHOES_A_PASS)
     first = math.floor((nearest - behind_m) / scene.spacing_m) - 1
     points = math.ceil((farthest - nearest) / scene.spacing_m) + visible + 4
-    if points > MOST_POINTS:
-        raise ConfigError(
-            f"the scene's road holds {points:,} scatterers, more than {MOST_POINTS:,}: "
-            "shorten `duration_s` or widen `spacing_m`."
-        )
+    moments = math.ceil((stop_s - start_s) / FINE_S) + 1
+    for count, most, what, way_out in (
+        (points, MOST_POINTS, "road holds {} scatterers", "shorten `duration_s` or widen `spacing_m`"),
+        (sweeps * radar.bins, MOST_AMPLITUDES, "record holds {} amplitudes", "lower `duration_s`, `rate_hz` or `bins`"),
+        (moments, MOST_MOMENTS, "motion has {} moments", "shorten `duration_s`"),
+    ):
+        if count > most:
+            raise ConfigError(f"the scene's {what.format(f'{count:,}')}, more than {most:,}: {way_out}.")
     return Plan(
         sweeps=sweeps,
         block=_block(sweeps),
@@ -95,7 +100,7 @@ def plan_scene(scene: RoadScene) -> Plan:
         points=points,
         behind_m=behind_m,
         visible=visible,
-        fine_steps=math.ceil((stop_s - start_s) / FINE_S) + 1,
+        fine_steps=moments,
         fwhm_m=fwhm,
         widening=_widening(scene, fwhm, float(np.abs(speed_m_s).max())),
     )
