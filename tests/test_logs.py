@@ -49,6 +49,20 @@ def test_a_folder_of_the_lab_comes_back(tmp_path: Path) -> None:
     assert {path.name: path.read_text() for path in (tmp_path / "again").iterdir()} == files
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("last", [3.0, 1e-30, 0.1, 1e22])
+def test_the_last_sweep_of_floats_of_any_length_is_not_taken_for_a_cut_one(
+    dtype: type, last: float, tmp_path: Path
+) -> None:
+    # 1e-30 has no decimals to write it with, so that all are written as short as each can be.
+    drive = Drive((_series(np.array([[1e-30, 0.123456789], [12345.678, last]], dtype)),))
+    assert write_log(drive, tmp_path / "3.csv") == []
+    assert "e-" in (tmp_path / "3.csv").read_text()
+    again = read_log(tmp_path / "3.csv")
+    assert_drives_equal(again, drive)
+    assert again.problems == ()
+
+
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_drive_that_the_csv_can_hold_comes_back(data: st.DataObject, tmp_path: Path) -> None:

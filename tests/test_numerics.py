@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxradar._numerics import as_scalar, finite, first_argmax, safe_divide, safe_sqrt, soft_exceeds
+from jaxradar._numerics import as_scalar, finite, first_argmax, operations, safe_divide, safe_sqrt, soft_exceeds
 
 
 def test_soft_threshold_tends_to_the_hard_one(precision: str) -> None:
@@ -62,3 +62,24 @@ def test_settings_are_strong_leaves() -> None:
     assert as_scalar(0.7).dtype == np.float64
     assert jnp.asarray(0.7).weak_type
     assert not as_scalar(jnp.asarray(0.7)).weak_type
+
+
+def test_operations_of_loops_products_and_branches() -> None:
+    count = lambda work, *inputs: operations(jax.make_jaxpr(work)(*inputs))  # noqa: E731
+    two = lambda x: x * x + x  # noqa: E731
+    vector = jnp.ones(5)
+    assert count(two, vector) == 10
+    assert count(jnp.sum, vector) == 5  # what goes in, not the one number that comes out
+    assert count(lambda x: x[::-1].reshape(5, 1).T, vector) == 0  # moved, not computed
+
+    def loop(x: jax.Array, turns: int) -> jax.Array:
+        return jax.lax.scan(lambda carry, _: (two(carry), None), x, length=turns)[0]
+
+    assert count(lambda x: loop(x, 7), vector) == 7 * 10
+    inner = lambda x: jax.lax.scan(lambda carry, _: (loop(carry, 7), None), x, length=3)[0]  # noqa: E731
+    assert count(inner, vector) == 3 * 7 * 10
+    # A multiplication and an addition for each of the (3, 2) results and each of 4 terms; so for each of a batch of 6.
+    assert count(jnp.matmul, jnp.ones((3, 4)), jnp.ones((4, 2))) == 2 * 3 * 2 * 4
+    assert count(jax.vmap(jnp.dot), jnp.ones((6, 4)), jnp.ones((6, 4))) == 2 * 6 * 4
+    branches = lambda x: jax.lax.cond(x[0] > 0, lambda y: loop(y, 7), two, x)  # noqa: E731
+    assert count(branches, vector) - count(lambda x: x[0] > 0, vector) == pytest.approx(70, abs=1)  # and the switch
