@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -39,7 +40,7 @@ def share(name: str, value: float) -> None:
         raise ValueError(f"`{name}` must be above 0 and below 1; got {value}.")
 
 
-def correlations(autocorrelation: Correlations | None, lags: int) -> Correlations:
+def correlations(autocorrelation: Correlations | None, lags: int) -> Float[np.ndarray, " kept"]:
     """ρ(0 .. `lags`), 0 beyond what is given; None is white noise."""
     full = np.zeros(lags + 1)
     if autocorrelation is None:
@@ -68,11 +69,9 @@ def rises_above(threshold: float, correlation: float) -> float:
     return 2.0 * float(special.owens_t(threshold, math.sqrt(max(1.0 - correlation, 0.0) / (1.0 + correlation))))
 
 
-def overshoot(x: float) -> float:
+def overshoot(x: float | np.ndarray) -> Any:
     """Siegmund's ν(x), of the discrete walk over a boundary, in its closed approximation (Siegmund and Yakir, The
     Statistics of Gene Mapping, 2007, section 5.2)."""
-    if x < 1e-8:
-        return 1.0
-    half = 0.5 * x
-    below = float(special.ndtr(half))
-    return (below - 0.5) / half / (half * below + normal_density(half))
+    half = 0.5 * np.maximum(x, 1e-6)  # 0/0 at 0, where ν is 1
+    below = special.ndtr(half)
+    return (below - 0.5) / half / (half * below + np.exp(-0.5 * half**2) / math.sqrt(2.0 * math.pi))

@@ -76,17 +76,21 @@ def difference_onsets(
     `autocorrelation`: ρ(0), ρ(1), …, 0 beyond its end; None is white.
     """
     positive(sd=sd)
-    return SECONDS_PER_HOUR * rate_hz * _onset_share(threshold / sd, lag, autocorrelation)
+    scale, beside = _pair(lag, autocorrelation)
+    return SECONDS_PER_HOUR * rate_hz * _onset_share(threshold / (sd * scale), beside)
 
 
-def _onset_share(threshold: float, lag: int, autocorrelation: Correlations | None) -> float:
+def _pair(lag: int, autocorrelation: Correlations | None) -> tuple[float, float]:
+    """Standard deviation of a difference in that of the noise, and its correlation with the one before."""
     at_least_one(lag=lag)
     rho = correlations(autocorrelation, lag + 1)
     own = 2.0 * (1.0 - rho[lag])
     if own <= 0:
         raise ValueError(f"`autocorrelation` is 1 at lag {lag}: the differences are 0.")
-    beside = (2.0 * rho[1] - rho[lag - 1] - rho[lag + 1]) / own
-    high = threshold / math.sqrt(own)
+    return math.sqrt(own), float((2.0 * rho[1] - rho[lag - 1] - rho[lag + 1]) / own)
+
+
+def _onset_share(high: float, beside: float) -> float:
     # Above, with the one before below on the same side, less above with the one before above on the other side.
     opposite = float(special.ndtr(-high)) - rises_above(high, -beside)
     return 2.0 * (rises_above(high, beside) - max(opposite, 0.0))
@@ -98,13 +102,12 @@ def difference_onset_threshold(
     """The threshold at which so many alarms begin an hour. Raises `ValueError` for more than one in ten samples: near
     one in four the number of onsets falls again with a lower threshold."""
     positive(sd=sd)
+    scale, beside = _pair(lag, autocorrelation)
     wanted = math.log(per_sample(per_hour, rate_hz, 0.1))
-    scale = math.sqrt(2.0 * (1.0 - correlations(autocorrelation, lag)[lag]))
-    excess = lambda t: math.log(_onset_share(t, lag, autocorrelation)) - wanted  # noqa: E731
-    low = 1.0 * scale
-    if excess(low) < 0:
-        raise ValueError(f"`per_hour` is more than begin at a threshold of {low * sd:.3g}; got {per_hour}.")
-    return sd * float(optimize.brentq(excess, low, 8.0 * scale, xtol=1e-14))
+    excess = lambda high: math.log(_onset_share(high, beside)) - wanted  # noqa: E731
+    if excess(1.0) < 0:
+        raise ValueError(f"`per_hour` is more than begin at a threshold of {sd * scale:.3g}; got {per_hour}.")
+    return sd * scale * float(optimize.brentq(excess, 1.0, 8.0, xtol=1e-14))
 
 
 def difference_detection_within(

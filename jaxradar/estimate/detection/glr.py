@@ -31,7 +31,7 @@ def glr_false_alarms(threshold: float, window: int) -> float:
     if window == 1:
         return 2.0 * float(special.ndtr(-threshold))
     lengths = np.arange(1, window + 1)
-    over = np.array([overshoot(threshold / math.sqrt(length)) for length in lengths])
+    over = overshoot(threshold / np.sqrt(lengths))
     return 0.5 * threshold**3 * normal_density(threshold) * float(np.sum((over / lengths) ** 2))
 
 

@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 LEAST_THRESHOLD, MOST_THRESHOLD = 1.5, 35.0
-LONGEST_WINDOW = 10_000
+LONGEST_WINDOW = 4096
 
 
 def moving_sum_sd(window: int, autocorrelation: Correlations | None = None) -> float:
@@ -68,7 +68,7 @@ def moving_sum_false_alarms(threshold: float, window: int) -> float:
     at_least_one(window=window)
     if window == 1:
         return float(special.ndtr(-threshold))
-    return threshold * normal_density(threshold) * overshoot(threshold * math.sqrt(2.0 / window)) / window
+    return threshold * normal_density(threshold) * float(overshoot(threshold * math.sqrt(2.0 / window))) / window
 
 
 def moving_sum_threshold(per_hour: float, rate_hz: float, window: int) -> float:
@@ -160,7 +160,7 @@ def moving_sum_least_window(
 ) -> int:
     """The shortest window, and so the earliest deadline in sweeps, by which a step of so many standard deviations is
     found with at least this probability at so many false alarms an hour. Raises `ValueError` for a step so low
-    that the window would be longer than 10,000. For noise of which a longer mean is never the noisier one.
+    that the window would be longer than 4,096. For noise of which a longer mean is never the noisier one.
     """
     positive(step=step)
     least = partial(moving_sum_least_step, per_hour, rate_hz, probability=probability, autocorrelation=autocorrelation)
