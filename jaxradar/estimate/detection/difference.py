@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import linalg, optimize, special, stats
+from scipy import linalg, optimize, special
 
 from jaxradar.estimate.detection._common import (
     SECONDS_PER_HOUR,
@@ -135,6 +135,8 @@ def difference_detection_within(
 
 def _any_above(threshold: float, mean: np.ndarray, covariance: np.ndarray, *, two_sided: bool) -> float:
     """1 − P(all below the threshold); the seed is fixed, so that equal arguments give equal results."""
+    from scipy import stats  # which takes long to import
+
     held = stats.multivariate_normal(mean, covariance, allow_singular=True, seed=0, maxpts=20_000 * mean.size)
     high = np.full(mean.size, threshold)
     return 1.0 - float(held.cdf(high, lower_limit=-high if two_sided else None))
