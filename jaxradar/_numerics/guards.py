@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from functools import partial
 from typing import Any
 
 import jax
@@ -53,10 +55,26 @@ def safe_divide(
     denominator: Float[Array | np.ndarray, "*shape"],
     otherwise: float = 0.0,
 ) -> Float[Array, "*shape"]:
-    """`numerator / denominator`, and `otherwise` with gradient 0 where the denominator is 0."""
+    """`numerator / denominator`, and `otherwise` with gradient 0 where the denominator is 0.
+
+    Derivatives are finite wherever float32 holds them.
+    """
+    dtype = jnp.result_type(numerator, denominator)
+    return _divided(otherwise, jnp.asarray(numerator, dtype), jnp.asarray(denominator, dtype))
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _divided(otherwise: float, numerator: Array, denominator: Array) -> Array:
     # The divisor is guarded and not only the result: a mask over 1/0 leaves a NaN gradient.
     zero = denominator == 0
     return jnp.where(zero, otherwise, numerator / jnp.where(zero, 1.0, denominator))
+
+
+@_divided.defjvp
+def _divided_jvp(otherwise: float, primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
+    # Not by 1/d², which leaves float32's range below d = 1e-19: amplitudes of 1e-30 have a position and its slope.
+    ratio = _divided(otherwise, *primals)
+    return ratio, _divided(0.0, tangents[0] - ratio * tangents[1], primals[1])
 
 
 def safe_sqrt(value: Float[Array | np.ndarray, "*shape"]) -> Float[Array, "*shape"]:
@@ -70,8 +88,12 @@ def soft_exceeds(
 ) -> Float[Array, "*shape"]:
     """`value > threshold` as a number between 0 and 1 that gradients flow through: σ((value − threshold)/temperature).
 
-    Tends to the hard decision as `temperature`, in the unit of `value`, falls to 0; ½ at equality.
+    Tends to the hard decision as `temperature`, in the unit of `value`, falls to 0; ½ at equality. Where the slope is
+    too small for the type it is 0 in all derivatives.
     """
     dtype = jnp.result_type(value)
-    margin = (jnp.asarray(value) - jnp.asarray(threshold, dtype)) / jnp.asarray(temperature, dtype)
-    return jax.nn.sigmoid(margin)
+    excess, unit = jnp.asarray(value) - jnp.asarray(threshold, dtype), jnp.asarray(temperature, dtype)
+    # Far from the threshold 0 times the steep derivatives of the margin would be NaN.
+    decided = jnp.abs(excess) > -math.log(float(jnp.finfo(dtype).tiny)) * unit
+    margin = safe_divide(jnp.where(decided, 0.0, excess), jnp.where(decided, 1.0, unit))
+    return jnp.where(decided, (excess > 0).astype(dtype), jax.nn.sigmoid(margin))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from jaxradar._numerics import safe_divide, safe_sqrt, total, totals
@@ -37,14 +38,18 @@ def noise_floor(cells: Counts) -> NoiseFloor:
         quiet = cell <= mean
         return quiet.astype(cell.dtype), jnp.where(quiet, cell, 0.0)
 
+    # What is squared is a share of the mean: float32 holds no square of 1e20 or of 1e-23.
+    scale = jax.lax.stop_gradient(jnp.where(mean == 0, 1.0, jnp.abs(mean)))
+    inverse = 1.0 / scale
+
     def quiet_pairs(cell: Any, before: Any) -> tuple[Any, Any]:
         quiet = (cell <= mean) & (before <= mean)
-        step = jnp.where(quiet, cell - before, 0.0)
+        step = jnp.where(quiet, (cell - before) * inverse, 0.0)
         return quiet.astype(cell.dtype), step * step
 
     count, level = totals(quiet_cells, cells)
     pairs, squares = totals(quiet_pairs, cells[1:], cells[:-1])
-    return NoiseFloor(safe_divide(level, count), safe_sqrt(0.5 * safe_divide(squares, pairs)))
+    return NoiseFloor(safe_divide(level, count), scale * safe_sqrt(0.5 * safe_divide(squares, pairs)))
 
 
 def subtract_floor(cells: Counts, level: Scalar) -> Counts:

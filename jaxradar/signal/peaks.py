@@ -90,9 +90,7 @@ def vertex(left: Scalar, middle: Scalar, right: Scalar) -> tuple[Scalar, Scalar]
     """
     curvature = left - 2.0 * middle + right
     peaked = curvature < 0
-    # A flat top has no vertex; masking the result alone would leave a NaN gradient.
-    offset = jnp.where(peaked, 0.5 * (left - right) / jnp.where(peaked, curvature, -1.0), 0.0)
-    offset = jnp.clip(offset, -0.5, 0.5)
+    offset = jnp.clip(safe_divide(0.5 * (left - right), jnp.where(peaked, curvature, 0.0)), -0.5, 0.5)
     return offset, middle - 0.25 * (left - right) * offset
 
 
@@ -150,9 +148,10 @@ class Parabola(PeakEstimator):
         square = steps**2 - np.mean(steps**2)
         slope = total(taps * jnp.asarray(steps / np.sum(steps**2), taps.dtype))
         curvature = total(taps * jnp.asarray(square / np.sum(square**2), taps.dtype))
-        # Relative to the taps' own size: rounding makes a plateau's curvature tiny rather than 0.
-        peaked = curvature < -1e-6 * largest(taps)
-        offset = jnp.where(peaked, -0.5 * slope / jnp.where(peaked, curvature, -1.0), 0.0)
+        # Relative to the taps' own size: rounding makes a plateau's curvature tiny rather than 0. That size is never
+        # below 0, or a plateau of negative taps would be divided by its curvature of 0.
+        peaked = curvature < -1e-6 * jnp.maximum(largest(taps), 0.0)
+        offset = safe_divide(-0.5 * slope, jnp.where(peaked, curvature, 0.0))
         return jnp.where(peaked & (jnp.abs(offset) <= reach), reach + offset, top)
 
 

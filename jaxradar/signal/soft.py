@@ -47,7 +47,7 @@ def _weigh(
         top = value_at(finite(values), at) * value_at(gains, at)
     else:
         at, top = None, largest_of(_compensated, values, gains)
-    inverse = safe_divide(jnp.ones_like(top), top)
+    inverse = _inverse(top)
     # The largest weight is 1, so the sum is at least 1, whatever underflows beside it; so it is in a silent sweep.
     most = jnp.where(top > 0, 1.0, 0.0)
     parts = [(finite(value) * gain * inverse, *rest) for value, gain, *rest in sliced(values, gains, log_gain, bins)]
@@ -56,6 +56,11 @@ def _weigh(
     terms = [(weight, weight * offset) for weight, (_, _, offset) in zip(weights, parts, strict=True)]
     whole, first = summed(terms, values.shape[-1])
     return _Weighed(at, top, parts, weights, whole, first / whole)
+
+
+def _inverse(top: Scalar) -> Scalar:
+    # 0 where nothing is above 0: of bins below it the lowest would have the largest share, whose exponential overflows.
+    return safe_divide(jnp.ones_like(top), jnp.maximum(top, 0.0))
 
 
 def _compensated(value: Any, gain: Any) -> Any:
@@ -109,7 +114,7 @@ def _moved(found: _Weighed, pull: Scalar, primals: Any, d_values: Any, d_log_gai
     recorded, log_gain, exponent, temperature = primals
     values = finite(recorded).astype(log_gain.dtype)
     gains = jnp.exp(exponent * log_gain)
-    inverse = safe_divide(jnp.ones_like(found.top), found.top)[..., None]
+    inverse = _inverse(found.top)[..., None]
     ratio = values * gains * inverse
     offsets = jnp.arange(values.shape[-1], dtype=values.dtype) - _middle(values) - found.mean[..., None]
     force = jnp.exp((ratio - 1.0) / temperature) * offsets
@@ -132,9 +137,9 @@ def soft_position(
 ) -> tuple[Scalar, Flag]:
     """Mean of the bins, in bins from 0, under weights exp((v/v_max - 1) / `temperature`), and whether any is above 0.
 
-    Here v = values × e^(exponent × log_gain), NaN and infinities left out; the middle if all are 0. In float32 no v may
-    be above 1e37. Derivatives by `temperature` and `exponent` are taken from moments of the sweep, so that reverse mode
-    keeps a few numbers a sweep and no array of its size.
+    Here v = values × e^(exponent × log_gain), NaN and infinities left out; the middle if none is above 0. In float32 no
+    v may be above 1e37. Derivatives by `temperature` and `exponent` are taken from moments of the sweep, so that
+    reverse mode keeps a few numbers a sweep and no array of its size.
     """
     values = jnp.asarray(values)
     dtype = values.dtype if jnp.issubdtype(values.dtype, jnp.floating) else jnp.result_type(float)
