@@ -150,7 +150,7 @@ def test_a_moving_sum_rises_above_its_threshold(window: int, threshold: float, c
 @pytest.mark.parametrize("colour", [WHITE, COLOURED], ids=["white", "coloured"])
 @pytest.mark.parametrize(("window", "deadline"), [(4, 4), (9, 4), (6, 12)])
 def test_a_step_before_its_deadline(window: int, deadline: int, colour: np.ndarray | None) -> None:
-    pieces = noise(7, 60_000, window - 1 + deadline, colour)
+    pieces = noise(7, 40_000, window - 1 + deadline, colour)
     pieces[:, window - 1 :] += 1.2
     sums = np.cumsum(np.pad(pieces, ((0, 0), (1, 0))), axis=1)
     scaled = (sums[:, window:] - sums[:, :-window]) / math.sqrt(window)
@@ -193,7 +193,7 @@ def test_the_least_window_is_the_least(step: float, colour: np.ndarray | None) -
 
 @pytest.mark.parametrize(("window", "threshold"), [(1, 3.0), (4, 3.5), (10, 3.5), (30, 3.5), (10, 4.0)])
 def test_alarms_of_a_glr(window: int, threshold: float) -> None:
-    samples = 60_000 if threshold == 4.0 else 20_000
+    samples = 50_000 if threshold == 4.0 else 15_000
     sums = np.cumsum(noise(8, 60, samples + window, WHITE), axis=1)
     statistic = np.max(
         [np.abs(sums[:, window:] - sums[:, window - k : -k]) / math.sqrt(k) for k in range(1, window + 1)], axis=0

@@ -18,14 +18,14 @@ COEFFICIENTS = {"white": [], "first order": [0.7], "second order": [0.5, -0.3]}
 @pytest.mark.parametrize("kind", COEFFICIENTS)
 def test_the_colour_of_a_record_is_found_and_taken_away(kind: str) -> None:
     wanted = np.array(COEFFICIENTS[kind], float)
-    white = np.random.default_rng(1).normal(0, 0.3, 40_000)
+    white = np.random.default_rng(1).normal(0, 0.3, 20_000)
     record = 5.0 + signal.lfilter([1.0], np.concatenate([[1.0], -wanted]), white)
     half = record.size // 2
     model = theory.fit_noise(record[:half])
     assert model.order >= wanted.size  # AICC may keep one or two more, near 0
-    np.testing.assert_allclose(model.coefficients[: wanted.size], wanted, atol=0.03)
-    assert np.all(np.abs(model.coefficients[wanted.size :]) < 0.03)
-    assert model.innovation_sd == pytest.approx(0.3, rel=0.02)
+    np.testing.assert_allclose(model.coefficients[: wanted.size], wanted, atol=0.04)
+    assert np.all(np.abs(model.coefficients[wanted.size :]) < 0.04)
+    assert model.innovation_sd == pytest.approx(0.3, rel=0.03)
     assert model.sd == pytest.approx(np.std(record[:half]), rel=1e-3)
     left = model.whitened(record[half:])
     assert left.size == half - model.order
@@ -37,7 +37,7 @@ def test_the_colour_of_a_record_is_found_and_taken_away(kind: str) -> None:
 
 def test_the_rate_of_false_alarms_follows_from_a_record() -> None:
     """Fitted on one half, predicted for the other: of the coloured difference, and of the whitened innovation."""
-    white = np.random.default_rng(2).normal(0, 1e-3, 400_000)
+    white = np.random.default_rng(2).normal(0, 1e-3, 300_000)
     record = signal.lfilter([1.0], [1.0, -0.7], white)
     half = record.size // 2
     model = theory.fit_noise(record[:half])
@@ -89,7 +89,7 @@ def test_multiplier_for_rayleigh_envelopes(cells: int, width: float, rates: tupl
     correlation = np.exp(-0.5 * (np.arange(cells) / width) ** 2) if width else np.eye(cells)[0]
     worth = theory.effective_cells(theory.envelope_correlation(correlation))
     assert worth == pytest.approx(cells) if not width else worth < 0.25 * cells
-    floor = np.abs(complex_noise(np.random.default_rng(7), 150_000, correlation)).mean(axis=1)
+    floor = np.abs(complex_noise(np.random.default_rng(7), 60_000, correlation)).mean(axis=1)
     for wanted in rates:
         # Of the cell under test the distribution is known: what is left to chance is the floor.
         shares = np.exp(-0.5 * (theory.rayleigh_multiplier(wanted, worth) * floor) ** 2)
@@ -100,13 +100,13 @@ def test_multiplier_for_rayleigh_envelopes(cells: int, width: float, rates: tupl
 def test_correlation_of_envelopes() -> None:
     random = np.random.default_rng(8)
     for correlation in (0.3, 0.8):
-        pairs = np.abs(complex_noise(random, 400_000, np.array([1.0, correlation])))
+        pairs = np.abs(complex_noise(random, 150_000, np.array([1.0, correlation])))
         wanted = np.corrcoef(pairs.T)[0, 1]
-        assert theory.envelope_correlation(np.array([correlation]))[0] == pytest.approx(wanted, abs=6e-3)
+        assert theory.envelope_correlation(np.array([correlation]))[0] == pytest.approx(wanted, abs=0.01)
     np.testing.assert_allclose(theory.envelope_correlation(np.array([0.0, 1.0, -1.0])), [0, 1, 1], atol=1e-12)
 
 
-@settings(max_examples=8, deadline=None, derandomize=True)
+@settings(max_examples=5, deadline=None, derandomize=True)
 @given(st.floats(1e-6, 0.3), st.floats(2.0, 100.0))
 def test_the_multiplier_is_the_inverse(false_alarm: float, cells: float) -> None:
     multiplier = theory.rayleigh_multiplier(false_alarm, cells)

@@ -75,3 +75,12 @@ def overshoot(x: float | np.ndarray) -> Any:
     half = 0.5 * np.maximum(x, 1e-6)  # 0/0 at 0, where ν is 1
     below = special.ndtr(half)
     return (below - 0.5) / half / (half * below + np.exp(-0.5 * half**2) / math.sqrt(2.0 * math.pi))
+
+
+def any_above(threshold: float, mean: np.ndarray, covariance: np.ndarray, *, two_sided: bool) -> float:
+    """1 − P(all below the threshold); the seed is fixed, so that equal arguments give equal results."""
+    from scipy import stats  # which takes long to import
+
+    held = stats.multivariate_normal(mean, covariance, allow_singular=True, seed=0, maxpts=20_000 * mean.size)
+    high = np.full(mean.size, threshold)
+    return 1.0 - float(held.cdf(high, lower_limit=-high if two_sided else None))

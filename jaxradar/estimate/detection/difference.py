@@ -13,6 +13,7 @@ from scipy import linalg, optimize, special
 from jaxradar.estimate.detection._common import (
     SECONDS_PER_HOUR,
     Correlations,
+    any_above,
     at_least_one,
     correlations,
     per_sample,
@@ -44,7 +45,7 @@ def difference_false_alarms(threshold: float, sd: float, rate_hz: float, correla
     of Statistical Signal Processing II, 1998, section 3.3, of a Gaussian statistic).
 
     `correlation`: of samples m apart, ρ(m). For the thesis's rule: `threshold` = 0.7 m/s × m / rate. Exact for Gaussian
-    noise; checked from 5e-3 to 1e-1 per sample, white and coloured.
+    noise; checked from 1e-3 to 9e-2 per sample, white and coloured.
     """
     scale = _difference_sd(sd, correlation)
     above = 0.0 if scale == 0 else 2.0 * float(special.ndtr(-threshold / scale))
@@ -72,7 +73,7 @@ def difference_onsets(
 
     One sample that is far out makes two differences that are, of opposite sign: those of neighbouring samples (`lag` 1)
     of white noise are correlated by −1/2, those of a longer `lag` by 0. Exact for Gaussian noise, by Owen's T function
-    (Annals of Mathematical Statistics 27, 1956); checked from 5e-3 to 1e-1 per sample, white and coloured.
+    (Annals of Mathematical Statistics 27, 1956); checked from 1e-3 to 9e-2 per sample, white and coloured.
     `autocorrelation`: ρ(0), ρ(1), …, 0 beyond its end; None is white.
     """
     positive(sd=sd)
@@ -130,13 +131,4 @@ def difference_detection_within(
     apart = np.arange(deadline)
     line = (2.0 * rho[apart] - rho[np.abs(apart - lag)] - rho[apart + lag]) * sd**2
     mean = np.where(apart < lag, float(step), 0.0)
-    return _any_above(threshold, mean, linalg.toeplitz(line), two_sided=True)
-
-
-def _any_above(threshold: float, mean: np.ndarray, covariance: np.ndarray, *, two_sided: bool) -> float:
-    """1 − P(all below the threshold); the seed is fixed, so that equal arguments give equal results."""
-    from scipy import stats  # which takes long to import
-
-    held = stats.multivariate_normal(mean, covariance, allow_singular=True, seed=0, maxpts=20_000 * mean.size)
-    high = np.full(mean.size, threshold)
-    return 1.0 - float(held.cdf(high, lower_limit=-high if two_sided else None))
+    return any_above(threshold, mean, linalg.toeplitz(line), two_sided=True)
