@@ -38,16 +38,27 @@ def white_bound_m(snr_db: float, fwhm_m: float, bin_m: float) -> float:
     return math.sqrt(2.0 * sigma * bin_m / math.sqrt(math.pi)) * 10.0 ** (-snr_db / 20.0)
 
 
-def coloured_bound_m(slope: Float[np.ndarray, " bins"], covariance: Float[np.ndarray, "bins bins"]) -> float:
+def coloured_bound_m(
+    slope: Float[np.ndarray, " bins"],
+    covariance: Float[np.ndarray, "bins bins"],
+    nuisance: Float[np.ndarray, "others bins"] | None = None,
+) -> float:
     """Least standard deviation in metres of an unbiased range in noise of a known covariance: 1/√(s'ᵀ C⁻¹ s').
 
     `slope`: derivative of the expected sweep by its range, counts per metre; `covariance`: of the noise, counts². (Kay,
-    section 3.9.) Infinite where the slope is 0 everywhere. Raises `ValueError` for a covariance that is none.
+    section 3.9.) `nuisance`: derivatives by whatever else is unknown (amplitude, another echo), a row each: what of the
+    slope they could explain tells nothing (section 3.8, the inverse of a partitioned matrix). Infinite where nothing is
+    left. Raises `ValueError` for a covariance that is none.
     """
     try:
-        whitened = linalg.solve_triangular(linalg.cholesky(covariance, lower=True), slope, lower=True)
+        root = linalg.cholesky(covariance, lower=True)
     except linalg.LinAlgError:
         raise ValueError("`covariance` must be symmetric and positive definite.") from None
+    whitened = linalg.solve_triangular(root, slope, lower=True)
+    if nuisance is not None:
+        others = linalg.solve_triangular(root, np.transpose(nuisance), lower=True)
+        others = others / np.maximum(np.linalg.norm(others, axis=0), np.finfo(float).tiny)
+        whitened = whitened - others @ np.linalg.lstsq(others, whitened, rcond=None)[0]
     information = float(whitened @ whitened)
     return 1.0 / math.sqrt(information) if information > 0 else math.inf
 

@@ -8,13 +8,14 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float, UInt
 
-from jaxradar._numerics import finite, first_argmax, largest, select_largest, value_at
+from jaxradar._numerics import finite, first_argmax, largest, value_at
 from jaxradar._settings import setting, shape_setting
 from jaxradar._types import Counts, Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
 from jaxradar.drive import FULL_SCALE
 from jaxradar.signal.clutter import noise_floor, subtract_floor
 from jaxradar.signal.correlate import ProfileShift, profile_shift
-from jaxradar.signal.peaks import ArgMax, SoftArgmax, vertex, window_at
+from jaxradar.signal.peaks import ArgMax, vertex, window_at
+from jaxradar.signal.pulse_fit import NARROWEST, PulseFit, strongest_cell
 from jaxradar.systems.step.config import (
     BlockSweeps,
     Decision,
@@ -75,10 +76,11 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     over_floor: Setting = setting(0.58, 0.0, 100.0, "", "an echo must rise this many floor levels above the floor")
     over_scatter: Setting = setting(11.0, 0.0, 1e3, "", "and this many standard deviations of the floor's noise")
     exponent: Setting = setting(0.0, 0.0, 6.0, "", "the echo is selected on amplitudes times (2r)^exponent")
-    temperature: Setting = setting(0.1, 1e-3, 10.0, "", "of the soft-argmax that refines the range")
+    template_m: Setting = setting(0.02, 1e-3, 1.0, "m", "width of the Gaussian that refines the range")
     cell_m: float = shape_setting(0.02, 2e-3, 1.0, "m", "size of a range cell")
     reach_m: float = shape_setting(0.12, 1e-3, 10.0, "m", "largest shift that is tried")
-    pulse_m: float = shape_setting(0.04, 1e-3, 1.0, "m", "width of the window that refines the range, a pulse's width")
+    window_m: float = shape_setting(0.06, 1e-3, 1.0, "m", "width of the window that refines the range")
+    pulse_m: float = shape_setting(0.04, 1e-3, 1.0, "m", "echoes closer than this are one, a pulse's width")
 
     @property
     def threshold(self) -> Setting:
@@ -86,7 +88,7 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
 
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> ProfileObservation:
         selected = self.select(axis, self.averaged(axis, finite(sweep)))
-        refined = self.refine(*window_at(sweep, selected.near, self.half_width(axis)))
+        refined = self.refine(axis, selected.near, *self.estimator(axis).read(sweep, selected.near))
         # The top of a saturated echo may be wider than the window: its middle is all that is known.
         clipped, middle = self.clipped_top(sweep, flags)
         return self.observed(axis, selected, jnp.where(clipped, middle, refined), flags)
@@ -100,23 +102,19 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         """The strongest echo of one sweep over its own noise floor."""
         centres, _ = self.centres(axis)
         floor = noise_floor(cells)
-        weights = (2.0 * centres) ** self.exponent
-        last = cells.shape[0] - 1
-        trios = [(max(i - 1, 0), i, min(i + 1, last)) for i in range(last + 1)]
-        # Over three cells: one rough cell is not an echo.
-        over = [jnp.maximum((cells[i] + cells[j] + cells[k]) / 3.0 - floor.level, 0.0) for i, j, k in trios]
-        cell, _, left, strength, right = select_largest(
-            [(over[j] * weights[j], over[i], over[j], over[k]) for i, j, k in trios]
-        )
-        per_cell = self._bins_per_cell(axis)
+        middle, strength = strongest_cell(cells, floor.level, (2.0 * centres) ** self.exponent)
         profile = subtract_floor(cells, floor.level)
-        # The window that refines the range is to stand on the echo, not on the middle of its cell.
-        middle = (cell + 0.5 + vertex(left, strength, right)[0]) * per_cell - 0.5
-        return SelectedEcho(profile, largest(profile), jnp.round(middle).astype(jnp.int32), strength, floor)
+        near = jnp.round(middle * self._bins_per_cell(axis) - 0.5).astype(jnp.int32)
+        return SelectedEcho(profile, largest(profile), near, strength, floor)
 
-    def refine(self, start: Index, taps: RawSweep) -> Scalar:
+    def estimator(self, axis: RangeAxis) -> PulseFit:
+        """What refines the range of the selected echo."""
+        fwhm = jnp.maximum(jnp.asarray(self.template_m, float) / axis.bin_m, NARROWEST)
+        return PulseFit(fwhm, max(1, round(0.5 * self.window_m / axis.bin_m)), self._bins_per_cell(axis))
+
+    def refine(self, axis: RangeAxis, near: Index, start: Index, taps: RawSweep) -> Scalar:
         """Its place in bins, out of the amplitudes around it, which begin with the bin `start`."""
-        return start + SoftArgmax(self.temperature)(taps).position
+        return self.estimator(axis).place(near, start, taps).position
 
     def observed(self, axis: RangeAxis, echo: SelectedEcho, position: Scalar, flags: Flags) -> ProfileObservation:
         """What is known of one sweep without those before it."""
@@ -286,9 +284,6 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         """How many cells to either side of where an echo is expected it is looked for in."""
         per_cell = self._bins_per_cell(axis)
         return min(math.ceil(self.pulse_m / (per_cell * axis.bin_m)) + 1, (axis.bins // per_cell - 1) // 2)
-
-    def half_width(self, axis: RangeAxis) -> int:
-        return min(max(1, round(0.5 * self.pulse_m / axis.bin_m)), (axis.bins - 1) // 2)
 
     def averaged(self, axis: RangeAxis, values: Sweep) -> Counts:
         return axis.averaged(values, self._bins_per_cell(axis))

@@ -41,11 +41,11 @@ def follow_block(
     with reductions("plain"):
         selected = _by_step_and_log(partial(detector.select, axis))(row_major(jnp.transpose(cells, (1, 2, 0))))
         selected = jax.tree.map(row_major, selected)
-    read = each_sweep(lambda sweep, near: window_at(sweep, near, detector.half_width(axis)))
+    read = each_sweep(lambda sweep, near: detector.estimator(axis).read(sweep, near))
     start, taps = read(sweeps(), selected.near.T)
     with reductions("plain"):
-        refined = _by_step_and_log(detector.refine)(
-            row_major(start.T), row_major(jnp.transpose(row_major(taps), (1, 2, 0)))
+        refined = _by_step_and_log(partial(detector.refine, axis))(
+            selected.near, row_major(start.T), row_major(jnp.transpose(row_major(taps), (1, 2, 0)))
         )
     # As in `observe`; but looking at all bins again is left out of a block without a saturated sweep.
     position = jax.lax.cond(
