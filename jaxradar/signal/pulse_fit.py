@@ -121,4 +121,5 @@ class PulseFit(PeakEstimator):
         # Of the template in the window's middle, which is that bin but for the ends of the sweep.
         top = middle + sigma * jnp.where(peaked, -rise / jnp.where(peaked, bend, -1.0), 0.0)
         longest = 0.5 * jnp.asarray(self.fwhm, taps.dtype)
-        return jnp.clip(top, near - longest, near + longest)
+        # Nor out of the window: from a ramp, or an echo that an end cuts off, the step would lead out of the sweep.
+        return jnp.clip(top, jnp.maximum(near - longest, 0.0), jnp.minimum(near + longest, 2.0 * middle))
