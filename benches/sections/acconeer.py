@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import subject
 from data import UnavailableError, make_batch
-from measure import figure, ratio, rounds, say, spread
+from measure import around, figure, ratio, rounds, say, spread
 from report import Row, Section
 from settings import Settings
 
@@ -89,7 +89,7 @@ def measure(settings: Settings) -> Section:
     each = {name: seconds / sweeps[name] for name, seconds in times.items()}
     for name, values in each.items():
         took, against = spread(values).scaled(1e6), ratio(values, each[first])
-        cells = [name, figure(took.median), took.around(), figure(against.median), against.around()]
+        cells = [name, figure(took.median), around(took), figure(against.median), around(against)]
         cells += [figure(errors[name][0]), f"{errors[name][1]:.2%}"]
         section.rows.append(Row(name, cells, {"us": took.median}, None if name == first else against))
     section.notes.append("Theirs also keeps what its plot shows; it is made for one sensor, not for batches.")

@@ -10,7 +10,7 @@ import reference
 import subject
 from child import ask
 from data import ESTIMATORS, Batch, UnavailableError, make_batch
-from measure import figure, ratio, rounds, say, spread
+from measure import around, figure, ratio, rounds, say, spread
 from peers import c_peers, numba_peers, numpy_peers
 from report import Row, Section
 from settings import Settings
@@ -80,13 +80,13 @@ def fill(section: Section, batch: Batch, times: dict[tuple[str, str], np.ndarray
                     estimator,
                     name,
                     figure(took.median),
-                    took.around(),
+                    around(took),
                     figure(gb_s),
                     f"{gb_s / read_gb_s:.0%}" if read_gb_s else "-",
                     figure(batch.count / took.median / 1e3),
                     figure(ratio(seconds, argmax).median) if argmax is not None else "-",
                     figure(against.median) if peer else "-",
-                    against.around() if peer else "-",
+                    around(against) if peer else "-",
                 ],
                 numbers={"ms": took.median, "ms_low": took.low, "ms_high": took.high, "gb_s": gb_s},
                 ratio=against,

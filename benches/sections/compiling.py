@@ -8,7 +8,7 @@ import numpy as np
 import subject
 from child import ask
 from data import UnavailableError
-from measure import Spread, figure, say
+from measure import Spread, around, figure, say
 from report import Row, Section
 from settings import Settings
 
@@ -46,7 +46,7 @@ def measure(settings: Settings) -> Section:
         against = Spread(float(np.median(relative)), float(relative.min()), float(relative.max()))
         numbers = {"cold_ms": values.min() * 1e3, "cached_ms": min(times[name] for times in cached) * 1e3}
         cells = [name, f"{numbers['cold_ms']:.0f}", f"{numbers['cached_ms']:.0f}"]
-        cells += [figure(against.median), against.around()]
+        cells += [figure(against.median), around(against)]
         # One compilation has no spread, and so no loss either.
         section.rows.append(Row(name, cells, numbers, against if repeats > 1 and name != YARDSTICK else None))
     section.notes.append(

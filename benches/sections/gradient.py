@@ -7,7 +7,7 @@ import numpy as np
 import subject
 from child import ask
 from data import UnavailableError, make_batch
-from measure import figure, ratio, rounds, say, spread
+from measure import around, figure, ratio, rounds, say, spread
 from peers import numpy_peers
 from report import Row, Section
 from settings import Settings
@@ -80,10 +80,10 @@ def measure(settings: Settings) -> Section:
                 [
                     row,
                     figure(took.median),
-                    took.around(),
+                    around(took),
                     figure(batch.count / took.median / 1e3),
                     figure(against.median),
-                    against.around(),
+                    around(against),
                     "-" if peak is None else f"{peak / 1e6:.0f}",
                     "-" if peak is None else f"{peak / batch.sweeps.nbytes:.0%}",
                     "-" if settings.quick else f"{MOST_MS[row]:.0f} ms, {MOST_MB:.0f} MB",

@@ -1,0 +1,109 @@
+"""What is compared: a task makes inputs with known truth, a candidate is a way of answering."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from jaxradar.pareto.figures import Figure, mean, percentile, rms, share
+
+__all__ = ["Candidate", "Case", "Program", "Score", "Task", "estimation_score"]
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One set of inputs of which the truth is known.
+
+    - `inputs`: whatever the task's candidates take; `truth`: what they should find.
+    - `items`: how many things are in it that time is counted for (sweeps, drives).
+    - `bound`: the least error that can be had, in the task's unit, where theory knows one; `bound_name` says whose.
+    - `gross`: an error larger than this, in the unit of the truth, is a gross one.
+    - `about`: what kind of input, in a few words; `setting`: the same as numbers.
+    """
+
+    name: str
+    inputs: Any
+    truth: Any
+    items: int
+    about: str
+    setting: Mapping[str, float] = field(default_factory=dict)
+    bound: float | None = None
+    bound_name: str = ""
+    gross: float | None = None
+
+
+@dataclass(frozen=True)
+class Program:
+    """A candidate made ready for one case: what answers the first `items` of it at once, and what answers one (None
+    where that makes no sense). Both return when the answer is there."""
+
+    batch: Callable[[], Any]
+    items: int
+    single: Callable[[], Any] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One way of doing a task: `prepare(case)` gives a `Program`, or None where it cannot do that case.
+
+    `settings` are what it is made of, for whoever wants to use it. `default`: the one that the package's default
+    detector holds. `peer`: not of this package.
+    """
+
+    name: str
+    prepare: Callable[[Case], Program | None]
+    settings: Mapping[str, float | str] = field(default_factory=dict)
+    default: bool = False
+    peer: bool = False
+
+
+@dataclass(frozen=True)
+class Score:
+    """How far an answer is from the truth: the error that candidates are compared by, and more `details`."""
+
+    error: Figure
+    details: Mapping[str, Figure] = field(default_factory=dict)
+
+
+class Task(abc.ABC):
+    """`title`: one line; `item`: what time is counted for; `error_name`, `unit`: what is compared, and in what."""
+
+    name: str
+    title: str
+    item: str
+    error_name: str
+    unit: str
+
+    @abc.abstractmethod
+    def cases(self, quick: bool = False) -> Sequence[Case]:
+        """The inputs, drawn from fixed seeds; fewer if `quick`."""
+
+    @abc.abstractmethod
+    def candidates(self, quick: bool = False) -> Sequence[Candidate]:
+        """Those that the package knows of; fewer if `quick`. A script may add its own."""
+
+    @abc.abstractmethod
+    def score(self, case: Case, answer: Any, items: int) -> Score:
+        """Compare the answer for the first `items` of a case with the truth. Raises `ValueError` for an answer that
+        is no answer (of another shape, or not a number)."""
+
+
+def estimation_score(answer: Any, truth: np.ndarray, scale: float, gross: float | None = None) -> Score:
+    """Of estimates of one number each: RMS error, bias, 95th percentile of |error| and, with `gross`, the share of
+    larger errors and the RMS of the others. `scale`: of the unit that errors are given in."""
+    if np.shape(answer) != np.shape(truth):
+        raise ValueError(f"expected {np.shape(truth)[0]} estimates; got an array of shape {np.shape(answer)}.")
+    errors = np.asarray(answer, np.float64) - np.asarray(truth, np.float64)
+    if not np.isfinite(errors).all():
+        raise ValueError(f"{int((~np.isfinite(errors)).sum())} of {errors.size} estimates are not numbers.")
+    far = np.abs(errors) > (np.inf if gross is None else gross)
+    details = {"bias": mean(errors).scaled(scale), "95 % of |error|": percentile(np.abs(errors), 95.0).scaled(scale)}
+    if gross is not None:
+        details["gross"] = share(int(far.sum()), errors.size)
+        if not far.all():
+            details["RMSE without gross"] = rms(errors[~far]).scaled(scale)
+    return Score(rms(errors).scaled(scale), details)

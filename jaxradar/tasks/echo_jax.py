@@ -1,0 +1,116 @@
+"""Our own ways to the range of an echo: every estimator, several windows, four types of number, thinned or not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxradar._numerics import compiled
+from jaxradar.pareto import Candidate, Case, Program
+from jaxradar.signal.peaks import ArgMax, MatchedFilter, Parabola, PeakEstimator, SoftArgmax
+from jaxradar.signal.pulse_fit import PulseFit
+from jaxradar.systems.step import DefaultDetector, RangeAxis
+
+if TYPE_CHECKING:
+    from jaxradar.tasks.echo import EchoInputs
+
+__all__ = ["jax_candidates"]
+
+TYPES: dict[str, Any] = {
+    "float16": jnp.float16,
+    "bfloat16": jnp.bfloat16,
+    "float32": jnp.float32,
+    "float64": jnp.float64,
+}
+Build = Callable[[float, float], PeakEstimator]  # from the width in bins that is known, and a bin in metres
+
+
+def _taps(width: float, share: float) -> int:
+    return max(1, round(share * width))
+
+
+def _default(width: float, bin_m: float) -> PeakEstimator:
+    # Its axis is only asked for the size of a bin and for how many there are.
+    return DefaultDetector().estimator(RangeAxis.of(bin_m * np.arange(4096)))
+
+
+def _estimators(quick: bool) -> dict[str, Build]:
+    """Windows count in widths of the pulse."""
+    held: dict[str, Build] = {
+        "arg-max": lambda width, bin_m: ArgMax(),
+        "parabola": lambda width, bin_m: Parabola(),
+        "parabola ±0.3": lambda width, bin_m: Parabola(_taps(width, 0.3)),
+        "soft-argmax ±0.5": lambda width, bin_m: SoftArgmax(0.1, half_width=_taps(width, 0.5)),
+        "soft-argmax ±1.1": lambda width, bin_m: SoftArgmax(0.1, half_width=_taps(width, 1.1)),
+        "soft-argmax, all bins": lambda width, bin_m: SoftArgmax(0.1),
+        "pulse fit from a bin": lambda width, bin_m: PulseFit(width, _taps(width, 1.1)),
+        "pulse fit": lambda width, bin_m: PulseFit(width, _taps(width, 1.1), _taps(width, 0.4)),
+        "pulse fit, template ×0.5": lambda width, bin_m: PulseFit.of_width(0.5 * width, cell=_taps(width, 0.5)),
+        "default": _default,
+    }
+    if not quick:
+        held |= {
+            "parabola ±0.6": lambda width, bin_m: Parabola(_taps(width, 0.6)),
+            "soft-argmax ±0.5, soft": lambda width, bin_m: SoftArgmax(0.3, half_width=_taps(width, 0.5)),
+            "soft-argmax ±1.1, soft": lambda width, bin_m: SoftArgmax(0.3, half_width=_taps(width, 1.1)),
+            "pulse fit, template ×0.3": lambda width, bin_m: PulseFit.of_width(0.3 * width, cell=_taps(width, 0.5)),
+            "pulse fit, template ×1.5": lambda width, bin_m: PulseFit.of_width(1.5 * width, cell=_taps(width, 0.5)),
+            "matched filter ±1.5": lambda width, bin_m: MatchedFilter(width, half_width=_taps(width, 1.5)),
+            "matched filter, all bins": lambda width, bin_m: MatchedFilter(width),
+        }
+    return held
+
+
+def jax_candidates(quick: bool) -> Sequence[Candidate]:
+    """Every estimator in single precision; the arg-max and the fit in the other types, and on every second bin."""
+    estimators = _estimators(quick)
+    found = [_candidate(name, build) for name, build in estimators.items()]
+    fit = "pulse fit"
+    for name in (fit,) if quick else ("arg-max", "soft-argmax ±0.5", fit):
+        found += [_candidate(name, estimators[name], dtype) for dtype in TYPES if dtype != "float32"]
+    for step in (2,) if quick else (2, 4):
+        found.append(_candidate(fit, estimators[fit], thin=step))
+    return found
+
+
+def _candidate(name: str, build: Build, dtype: str = "float32", thin: int = 1) -> Candidate:
+    extra = [*([dtype] if dtype != "float32" else []), *([f"every {thin}. bin"] if thin > 1 else [])]
+    settings: dict[str, float | str] = {"estimator": name, "dtype": dtype, "thin": thin}
+    return Candidate(
+        ", ".join([name, *extra]), partial(_prepare, build, dtype, thin), settings, default=name == "default"
+    )
+
+
+def _positions(estimator: PeakEstimator, sweeps: Any, bin_m: Any) -> Any:
+    return bin_m * jax.vmap(estimator)(sweeps).position
+
+
+def _position(estimator: PeakEstimator, sweep: Any, bin_m: Any) -> Any:
+    return bin_m * estimator(sweep).position
+
+
+# Estimators are arguments: another width does not recompile.
+_batch, _single = compiled(_positions), compiled(_position)
+
+
+def _prepare(build: Build, dtype: str, thin: int, case: Case) -> Program | None:
+    inputs: EchoInputs = case.inputs
+    if thin > 1 and inputs.fwhm / thin < 2.0:
+        return None  # there would be too little left of the pulse
+    double = dtype == "float64"
+    with jax.enable_x64(double):
+        estimator = build(inputs.fwhm / thin, inputs.bin_m * thin)
+        sweeps = jnp.asarray(np.ascontiguousarray(inputs.sweeps[:, ::thin]), TYPES[dtype])
+        one = sweeps[len(sweeps) // 2]
+        bin_m = np.asarray(inputs.bin_m * thin, np.float64 if double else np.float32)
+
+    def call(program: Callable[..., Any], values: Any) -> Any:
+        with jax.enable_x64(double):
+            return jax.block_until_ready(program(estimator, values, bin_m))
+
+    return Program(lambda: call(_batch, sweeps), case.items, lambda: call(_single, one))
