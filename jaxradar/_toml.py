@@ -30,6 +30,8 @@ def read_toml(path: str | PathLike[str]) -> dict[str, Any]:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}.") from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(f"{path}: expected a TOML file: {error}.") from None
+    except (ValueError, RecursionError):  # a number of thousands of digits, thousands of brackets
+        raise ConfigError(f"{path}: expected a TOML file; it holds what is too long or too deep to be read.") from None
 
 
 def check_keys(path: str | PathLike[str], table: Mapping[str, Any], known: Iterable[str], where: str) -> None:

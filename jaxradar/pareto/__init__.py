@@ -10,7 +10,7 @@ print(choose(found, error=1.2, case="white 20 dB").candidate)
 from jaxradar.pareto.figures import Figure, mean, percentile, rms, share
 from jaxradar.pareto.front import CaseResult, Frontier, Point, choose_point, on_front
 from jaxradar.pareto.measure import choose, measure
-from jaxradar.pareto.report import table, to_json
+from jaxradar.pareto.report import table, time_text, to_json
 from jaxradar.pareto.task import Candidate, Case, Program, Score, Task, estimation_score
 from jaxradar.pareto.timing import Spread, first_call, rounds, spread
 
@@ -38,5 +38,6 @@ __all__ = [
     "share",
     "spread",
     "table",
+    "time_text",
     "to_json",
 ]

@@ -73,10 +73,10 @@ class Frontier:
 
 
 def beats(one: Point, other: Point) -> bool:
-    """Whether `one` is neither worse nor slower and, beyond the error bars, better or faster."""
-    if one.error.value > other.error.value or one.batch.median > other.batch.median:
-        return False
-    return one.error.below(other.error) or one.batch.high < other.batch.low
+    """Whether `one` is better or faster beyond the error bars, and neither worse nor slower beyond them."""
+    worse, slower = other.error.below(one.error), other.batch.high < one.batch.low
+    better, faster = one.error.below(other.error), one.batch.high < other.batch.low
+    return (better or faster) and not (worse or slower)
 
 
 def on_front(points: Sequence[Point]) -> list[bool]:

@@ -8,15 +8,18 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from jaxradar.estimate.bounds import threshold_snr_db, total_error_m
-from jaxradar.pareto import CaseResult, Frontier, Point
+from jaxradar.pareto import CaseResult, Frontier, Point, time_text
 from jaxradar.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, WIDTH_IN, styled, titled
 
 __all__ = ["plot_case", "plot_levels"]
 
 CLOSE = 1.1  # times the bound: what counts as meeting it
 LABEL_GAP = 0.052  # of the picture's height, between two labels
+ABOVE = 0.03  # clear of the error bars
+INK = {ORANGE: "#8A5A00", GREY: "#333333"}  # what is too light for letters
 MOST_CURVES = 5
 
 
@@ -55,8 +58,8 @@ def plot_levels(frontier: Frontier) -> Figure | None:
         titled(
             figure,
             axes,
-            "Far below the threshold of gross errors nobody meets the bound; above it the pulse fit does",
-            first.about,
+            "Above the threshold the pulse fit is at the bound; below it nobody is",
+            f"{first.about}; 95 % intervals",
         )
     return figure
 
@@ -78,6 +81,7 @@ def _draw_levels(axes: Axes, held: Sequence[CaseResult], setting: dict[str, floa
         y = np.array([(errors[level].low, errors[level].value, errors[level].high) for level in x]).T
         axes.errorbar(x, y[1], yerr=np.abs(y[[0, 2]] - y[1]), color=color, marker=marker, ms=5, capsize=2, label=name)
     axes.set_yscale("log")
+    _plain(axes)
     axes.set_xlim(levels[0] - 1.0, levels[-1] + 1.0)
     axes.set_xlabel("SNR in one bin, 20 log₁₀(A/σ) (dB)")
     axes.legend(loc="upper right")
@@ -94,6 +98,7 @@ def _scatter(axes: Axes, frontier: Frontier, result: CaseResult) -> None:
     positive = [point.error.value for point in result.points if point.error.value > 0]
     floor = 0.5 * min(positive, default=1.0)  # an error of 0 has no place on a logarithmic axis
     labels = []
+    named = _named(result)
     for point in result.points:
         x, y = 1e9 * point.batch.median, max(point.error.value, floor)
         color, marker, size = _look(point)
@@ -111,7 +116,7 @@ def _scatter(axes: Axes, frontier: Frontier, result: CaseResult) -> None:
             zorder=4 if point.front or point.default else 3,
             alpha=1.0 if point.front or point.default or point.peer else 0.55,
         )
-        if point.front or point.default or point.peer:
+        if point.candidate in named:
             labels.append((x, y, point.candidate, color))
     front = result.front
     axes.step(
@@ -133,11 +138,38 @@ def _scatter(axes: Axes, frontier: Frontier, result: CaseResult) -> None:
         axes.plot([], [], color=color, marker=marker, ls="none", label=name)
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.margins(0.08, 0.12)
-    axes.set_xlabel(f"time a {frontier.item} in a batch (ns), with 10 to 90 % of the rounds")
-    axes.set_ylabel(f"{frontier.error_name} ({frontier.unit}), with 95 % interval")
+    axes.margins(0.08, 0.14)
+    axes.set_xlabel(f"time a {frontier.item} in a batch, and 10 to 90 % of the rounds")
+    axes.set_ylabel(f"{frontier.error_name} ({frontier.unit}), and 95 % interval")
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda ns, _: _time(ns)))
+    _plain(axes)
     _label(axes, labels)
-    axes.legend(loc="upper right")
+    axes.figure.legend(loc="outside lower center", ncols=5)
+
+
+def _plain(axes: Axes) -> None:
+    """Numbers that people read, at 1, 2 and 5."""
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _time(ns: float) -> str:
+    for factor, unit in ((1e9, "s"), (1e6, "ms"), (1e3, "µs")):
+        if ns >= factor:
+            return f"{ns / factor:g} {unit}"
+    return f"{ns:g} ns"
+
+
+def _named(result: CaseResult) -> set[str]:
+    """The default, all others' ways, and of the front whoever is clearly better than the last that was named."""
+    names = {point.candidate for point in result.points if point.default or point.peer}
+    best = math.inf
+    for point in sorted(result.front, key=lambda one: one.batch.median):
+        if point.error.value < 0.9 * best:
+            names.add(point.candidate)
+            best = point.error.value
+    return names
 
 
 def _look(point: Point) -> tuple[str, str, float]:
@@ -155,7 +187,7 @@ def _label(axes: Axes, labels: Sequence[tuple[float, float, str, str]]) -> None:
     taken: list[tuple[float, float]] = []
     for x, y, text, color in sorted(labels, key=lambda one: one[1]):
         across, up = (math.log(x) - x0) / (x1 - x0), (math.log(y) - y0) / (y1 - y0)
-        place = up
+        place = up + ABOVE
         while any(abs(place - other) < LABEL_GAP and abs(across - there) < 0.3 for there, other in taken):
             place += 0.5 * LABEL_GAP
         taken.append((across, place))
@@ -166,10 +198,10 @@ def _label(axes: Axes, labels: Sequence[tuple[float, float, str, str]]) -> None:
             xytext=(across + (-0.015 if left else 0.015), place),
             textcoords="axes fraction",
             fontsize=8,
-            color="#333333" if color == GREY else color,
+            color=INK.get(color, color),
             ha="right" if left else "left",
             va="center",
-            arrowprops={"arrowstyle": "-", "lw": 0.4, "color": GREY} if place - up > 0.5 * LABEL_GAP else None,
+            arrowprops={"arrowstyle": "-", "lw": 0.4, "color": GREY} if place - up > ABOVE else None,
         )
 
 
@@ -184,6 +216,6 @@ def _message(frontier: Frontier, result: CaseResult) -> str:
             f"Least error: {best.candidate}, {best.error.value:.3g} {frontier.unit} in {1e9 * best.batch.median:.3g} ns"
         )
     meets = min((point for point in ours if point.error.value <= target), key=lambda point: point.batch.median)
-    text = f"Within {CLOSE - 1.0:.0%} of the bound in {1e9 * meets.batch.median:.3g} ns a {frontier.item}"
+    text = f"Within {CLOSE - 1.0:.0%} of the bound in {time_text(meets.batch.median)} a {frontier.item}"
     equal = [point.batch.median for point in theirs if point.error.value <= target]
     return text + (f"; others take {min(equal) / meets.batch.median:.3g} times as long" if equal else "")

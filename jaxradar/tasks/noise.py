@@ -9,8 +9,8 @@ __all__ = ["RECORDED_NOISE", "draw_recorded", "recorded_covariance"]
 
 # Share and correlation length in mm of three parts, each ρ(d) = exp(−d²/(2 ℓ²)), the last one a bin's own. Fitted to
 # the mean autocorrelation over range of the floor in 11 standing A111 recordings at 30 to 60°, from differences of
-# neighbouring sweeps (scripts/recorded_noise.py prints both): .9957 ± .0001 one bin of .484 mm away, .982 at 2.4 mm,
-# .912 at 9.7 mm, .62 at 29 mm, .29 at 48 mm. The long part is the pulse's own width (66 mm at half height: 28 mm), the
+# neighbouring sweeps (scripts/recorded_noise.py prints both): .995 one bin of .484 mm away, .981 at 2.4 mm,
+# .909 at 9.7 mm, .61 at 29 mm, .29 at 48 mm. The long part is the pulse's own width (66 mm at half height: 28 mm), the
 # bin's own is what whole counts leave.
 RECORDED_NOISE = ((0.972, 30.0), (0.024, 2.5), (0.004, 0.0))
 
