@@ -203,9 +203,9 @@ class MatchedFilter(WindowEstimator):
             offset = (bins - position) / sigma
             pulse = jnp.exp(-0.5 * offset**2)
             match, energy_here = scaled * pulse, pulse**2
-            correlation = jnp.maximum(jnp.sum(match), jnp.finfo(window.dtype).tiny)
-            rise = jnp.sum(match * offset) / correlation
-            bend = jnp.sum(match * (offset**2 - 1.0)) / correlation
+            correlation = jnp.maximum(jnp.sum(match), 0.0)
+            rise = safe_divide(jnp.sum(match * offset), correlation)
+            bend = safe_divide(jnp.sum(match * (offset**2 - 1.0)), correlation)
             energy = jnp.sum(energy_here)
             energy_rise = jnp.sum(energy_here * 2.0 * offset) / energy
             energy_bend = jnp.sum(energy_here * (4.0 * offset**2 - 2.0)) / energy
