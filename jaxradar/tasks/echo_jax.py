@@ -48,9 +48,11 @@ def _estimators(quick: bool) -> dict[str, Build]:
         "soft-argmax ±0.5": lambda width, bin_m: SoftArgmax(0.1, half_width=_taps(width, 0.5)),
         "soft-argmax ±1.1": lambda width, bin_m: SoftArgmax(0.1, half_width=_taps(width, 1.1)),
         "soft-argmax, all bins": lambda width, bin_m: SoftArgmax(0.1),
-        "pulse fit from a bin": lambda width, bin_m: PulseFit(width, _taps(width, 1.1)),
-        "pulse fit": lambda width, bin_m: PulseFit(width, _taps(width, 1.1), _taps(width, 0.4)),
-        "pulse fit, template ×0.5": lambda width, bin_m: PulseFit.of_width(0.5 * width, cell=_taps(width, 0.5)),
+        "pulse fit from a bin": lambda width, bin_m: PulseFit(width, _taps(width, 1.1), 1),
+        "pulse fit": lambda width, bin_m: PulseFit(width, _taps(width, 1.1), _taps(width, 0.8)),
+        "pulse fit, template ×0.5": lambda width, bin_m: PulseFit(
+            0.5 * width, _taps(width, 0.5 * 1.5), _taps(width, 0.8)
+        ),
         "default": _default,
     }
     if not quick:
@@ -58,8 +60,12 @@ def _estimators(quick: bool) -> dict[str, Build]:
             "parabola ±0.6": lambda width, bin_m: Parabola(_taps(width, 0.6)),
             "soft-argmax ±0.5, soft": lambda width, bin_m: SoftArgmax(0.3, half_width=_taps(width, 0.5)),
             "soft-argmax ±1.1, soft": lambda width, bin_m: SoftArgmax(0.3, half_width=_taps(width, 1.1)),
-            "pulse fit, template ×0.3": lambda width, bin_m: PulseFit.of_width(0.3 * width, cell=_taps(width, 0.5)),
-            "pulse fit, template ×1.5": lambda width, bin_m: PulseFit.of_width(1.5 * width, cell=_taps(width, 0.5)),
+            "pulse fit, template ×0.3": lambda width, bin_m: PulseFit(
+                0.3 * width, _taps(width, 0.3 * 1.5), _taps(width, 0.8)
+            ),
+            "pulse fit, template ×1.5": lambda width, bin_m: PulseFit(
+                1.5 * width, _taps(width, 1.5 * 1.5), _taps(width, 0.8)
+            ),
             "matched filter ±1.5": lambda width, bin_m: MatchedFilter(width, half_width=_taps(width, 1.5)),
             "matched filter, all bins": lambda width, bin_m: MatchedFilter(width),
         }

@@ -12,10 +12,11 @@ from jaxradar._numerics import finite, first_argmax, largest, value_at
 from jaxradar._settings import setting, shape_setting
 from jaxradar._types import Counts, Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
 from jaxradar.drive import FULL_SCALE
+from jaxradar.signal.cells import strongest_cell
 from jaxradar.signal.clutter import noise_floor, subtract_floor
 from jaxradar.signal.correlate import ProfileShift, profile_shift
 from jaxradar.signal.peaks import ArgMax, vertex, window_at
-from jaxradar.signal.pulse_fit import NARROWEST, PulseFit, strongest_cell
+from jaxradar.signal.pulse_fit import NARROWEST, PulseFit
 from jaxradar.systems.step.config import (
     BlockSweeps,
     Decision,
