@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -93,9 +94,14 @@ class PulseFit(PeakEstimator):
         first, second = weight * offset, weight * (offset * offset - 1.0)
         most, rise, bend = totals(lambda tap, a, b, c: (tap * a, tap * b, tap * c), taps, weight, first, second)
         held = most > 0
+        # Shares of their own size: a second derivative goes with the cube of what is divided by.
+        inverse = 1.0 / jax.lax.stop_gradient(jnp.where(held, most, 1.0))
+        most, rise, bend = most * inverse, rise * inverse, bend * inverse
         rise = safe_divide(rise, jnp.where(held, most, 0.0))
         bend = safe_divide(bend, jnp.where(held, most, 0.0)) - rise * rise
         peaked = held & (bend < 0)
         # Of the template in the window's middle, which is that bin but for the ends of the sweep.
         step = jnp.where(peaked, -rise / jnp.where(peaked, bend, -1.0), 0.0)
-        return jnp.clip(middle + SIGMA_PER_FWHM * fwhm * step, near - 0.5 * fwhm, near + 0.5 * fwhm)
+        # Nor out of the window: from a ramp, or an echo that an end cuts off, the step would lead out of the sweep.
+        low, high = jnp.maximum(near - 0.5 * fwhm, 0.0), jnp.minimum(near + 0.5 * fwhm, 2.0 * middle)
+        return jnp.clip(middle + SIGMA_PER_FWHM * fwhm * step, low, high)
