@@ -9,6 +9,7 @@ from typing import Any
 
 import equinox as eqx
 import hard_inputs as hard
+import jax
 import jax.numpy as jnp
 import numpy as np
 import stability_oracles as oracles
@@ -242,6 +243,6 @@ def detector_cases() -> Iterator[Case]:
 def _weights(statistic: Any, threshold: Any, temperature: Any) -> dict[str, Any]:
     """Of a valid sweep, and of one that is not."""
     none, no = jnp.zeros_like(statistic), jnp.zeros((), bool)
+    both = jax.vmap(lambda valid: Decision(none, none, none, statistic, valid, no, no))(jnp.array([True, False]))
     moved = eqx.tree_at(lambda one: one.threshold_m_s, RangeRateDetector(), threshold)
-    both = [Decision(none, none, none, statistic, valid, no, no) for valid in (~no, no)]
-    return {"weight": jnp.stack([event_weights(moved, one, temperature) for one in both])}
+    return {"weight": event_weights(moved, both, temperature)}

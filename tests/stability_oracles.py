@@ -127,17 +127,13 @@ def strongest_cell(cells: np.ndarray, level: float = 0.0) -> Answer:
     return {"place": np.array(places), "strength": over.max()}
 
 
-def pulse_fit(sweep: np.ndarray, fwhm: float, near: int | None, half_width: int, cell: int) -> Answer:
+def pulse_fit(sweep: np.ndarray, fwhm: float, near: int | None, half_width: int, search: int) -> Answer:
     """One Newton step on the logarithm of the correlation, from each bin that would do to begin with."""
-    values, count = finite(sweep), len(sweep)
-    size = min(cell, max(1, count // 3))
-    if near is not None:
-        begin = [near]
-    elif size == 1:
-        begin = [int(np.argmax(values))]
-    else:
-        middles = strongest_cell(values[: count // size * size].reshape(-1, size).sum(axis=1))["place"] * size - 0.5
-        begin = sorted({round(float(one) + shift) for one in middles for shift in (-1e-3, 0.0, 1e-3)})
+    values, begin = finite(sweep), [near]
+    if near is None:
+        width = min(search, max(1, len(values) // 3))
+        sums = np.convolve(values, np.ones(width), "valid")
+        begin = [int(one) + width // 2 for one in np.flatnonzero(sums >= sums.max() - EQUAL * abs(sums.max()))]
     answers = [_one_step(values, fwhm, at, half_width) for at in begin]
     return answers[0] | {"position": np.array([one["position"] for one in answers])}
 

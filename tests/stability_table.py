@@ -26,7 +26,8 @@ import stability_oracles as oracles
 
 import jaxradar._numerics as numerics
 from jaxradar import signal, units
-from jaxradar.signal import clutter, correlate, differences, peaks, pulse_fit, pulses, soft
+from jaxradar.signal import cells as cells_of
+from jaxradar.signal import clutter, correlate, differences, peaks, pulses, soft
 
 Inputs = dict[str, tuple[Any, ...]]
 POSITION_KEYS = ("position", "cells")
@@ -122,7 +123,7 @@ ORACLES: dict[str, Callable[..., Any]] = {
     "Parabola": lambda made, sweep, near: oracles.parabola(sweep, near, made.reach),
     "SoftArgmax": lambda made, sweep, near, temperature: oracles.soft_argmax(sweep, temperature, near, made.half_width),
     "MatchedFilter": lambda made, sweep, near: oracles.matched_filter(sweep, made.fwhm, near, made.half_width),
-    "PulseFit": lambda made, sweep, near, fwhm: oracles.pulse_fit(sweep, fwhm, near, made.half_width, made.cell),
+    "PulseFit": lambda made, sweep, near, fwhm: oracles.pulse_fit(sweep, fwhm, near, made.half_width, made.search),
 }
 # How far a position may be off, as a share of the axis, in float32.
 DEAR = ("MatchedFilter", "PulseFit", "SoftArgmax")  # seconds to compile for each length
@@ -142,7 +143,7 @@ VARIANTS: dict[str, tuple[dict[str, Any], ...]] = {
     "Parabola": ({}, {"reach": 3}),
     "SoftArgmax": ({}, {"half_width": 8}),
     "MatchedFilter": ({}, {"half_width": 12}),
-    "PulseFit": ({}, {"half_width": 4, "cell": 3}),
+    "PulseFit": ({}, {"half_width": 4, "search": 3}),
 }
 
 
@@ -175,6 +176,7 @@ NOT_NUMERIC: dict[str, str] = {
     "signal.peaks.WindowEstimator": ABSTRACT,
     "signal.clutter.NoiseFloor": CARRIER,
     "signal.correlate.ProfileShift": CARRIER,
+    "signal.pulse_fit.NARROWEST": "a constant",
     "signal.pulses.SIGMA_PER_FWHM": "a constant",
     "units.SPEED_OF_LIGHT_M_S": "a constant",
     "units.WAVELENGTH_60_GHZ_M": "a constant",
@@ -264,8 +266,7 @@ def estimator_cases() -> Iterator[Case]:
                     scale={"position": "bins", "amplitude": "largest"},
                     bound=POSITION_BOUND.get(kind, 1e-3),
                     bound64=1e-7,
-                    # Over cells `strongest_cell` is unrolled: a minute to compile at 482 of them.
-                    sizes=(3, 17, 128) if near else hard.SIZES[:-1] if "cell" in options else hard.SIZES,
+                    sizes=(3, 17, 128) if near else hard.SIZES,
                     quick=() if near or options else (17,) if kind in DEAR else (128,),
                     smooth=(0, *places),
                     settings=places,
@@ -372,8 +373,8 @@ def signal_cases() -> Iterator[Case]:
     )
     yield Case(
         "strongest_cell",
-        ("signal.pulse_fit.strongest_cell",),
-        lambda cells, level: dict(zip(("place", "strength"), pulse_fit.strongest_cell(cells, level), strict=True)),
+        ("signal.cells.strongest_cell",),
+        lambda cells, level: dict(zip(("place", "strength"), cells_of.strongest_cell(cells, level), strict=True)),
         lambda cells: crossed(hard.profiles(cells), level=(0.0, 50.0)),
         oracles.strongest_cell,
         {"place": "bins", "strength": "largest"},

@@ -17,8 +17,11 @@ from stability_table import NOT_NUMERIC, all_cases, estimator_kinds, loss, publi
 CASES = all_cases()
 QUICK = [name for name, case in CASES.items() if case.quick]
 # Whose derivatives take many seconds to compile: the long run has them at all of these inputs, and at the worst of them
-# `test_step_run.py`, `test_signal_soft.py` and `test_signal_floor_and_shift.py`.
-DEAR = {"soft_position", "profile_shift", "strongest_cell"}
+# `test_step_run.py`, `test_staged.py` and the tests of `jaxradar.signal`.
+DEAR = {
+    *("MatchedFilter", "soft_position", "profile_shift", "shifted_correlations", "strongest_cell", "reductions"),
+    "fitted_slope, order 1",
+}
 VALUE_ALONE = DEAR | {name for name in QUICK if "systems.step.run" in CASES[name].covers}
 
 
@@ -86,7 +89,10 @@ def test_hard_inputs_in_double_precision(name: str) -> None:
 
 
 # What the estimators take: 65535 is infinite in float16, and left out.
-HALF = [pytest.param(name, marks=pytest.mark.long) if not CASES[name].quick else name for name in ESTIMATORS]
+HALF = [
+    pytest.param(name, marks=pytest.mark.long) if name not in ("ArgMax", "SoftArgmax", "PulseFit") else name
+    for name in ESTIMATORS
+]
 
 
 @pytest.mark.parametrize("dtype", ["float16", pytest.param("bfloat16", marks=pytest.mark.long)])
@@ -131,7 +137,7 @@ def test_alone_compiled_and_op_by_op_are_the_same(name: str) -> None:
             for got, wanted in zip(jax.tree.leaves(other), jax.tree.leaves(plain), strict=True):
                 size_of = np.abs(np.asarray(wanted, np.float64)).max(initial=1e-30)
                 np.testing.assert_allclose(
-                    np.asarray(got, np.float64), np.asarray(wanted, np.float64), rtol=1e-3, atol=1e-3 * size_of
+                    np.asarray(got, np.float64), np.asarray(wanted, np.float64), rtol=1e-3, atol=1e-5 + 1e-3 * size_of
                 )
 
 
