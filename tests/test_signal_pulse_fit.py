@@ -61,6 +61,17 @@ def test_at_the_ends_the_window_moves_inwards_and_the_place_stays() -> None:
     assert np.abs(find(PulseFit.of_width(FWHM), echo(centres))[1:3] - centres[1:3]).max() < 0.3
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("search", [1, 6, 14])
+def test_bins_that_are_no_numbers_are_left_out(search: int, bad: float) -> None:
+    centres = np.array([40.3, 64.0, 90.6])
+    sweeps = echo(centres)
+    sweeps[:, 20:23] = bad
+    assert np.abs(find(PulseFit(FWHM, 12, search), sweeps) - centres).max() < 0.02
+    sweeps[:, np.array([38, 64, 92])] = bad  # on the echo itself
+    assert np.abs(find(PulseFit(FWHM, 12, search), sweeps) - centres).max() < 0.5 * FWHM
+
+
 @pytest.mark.parametrize("bins", [1, 2, 3, 5])
 def test_few_bins_are_enough(bins: int) -> None:
     peak = PulseFit(4.0, 6, 2)(jnp.arange(bins, dtype=jnp.float32) + 1.0)

@@ -9,8 +9,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
-from jaxradar._numerics import as_scalar, finite, first_argmax, largest, safe_divide, totals
+from jaxradar._numerics import as_scalar, finite, first_largest, largest, safe_divide, totals
 from jaxradar._types import Index, RawSweep, Scalar, Setting, Sweep
 from jaxradar.signal.peaks import Peak, PeakEstimator, window_at
 from jaxradar.signal.pulses import SIGMA_PER_FWHM
@@ -22,6 +23,14 @@ SEARCH_SHARE = 0.8  # of the width: the box with the most of a Gaussian in white
 NARROWEST = 1.0  # bins; a narrower template sees one bin alone
 MOST_SHIFTS = 6  # of which a running sum is made; a wider one is made of sums over several bins
 _SMALL = 2.0**-10  # so that no sum of finite amplitudes overflows
+
+
+def _finite_sum(first: Array, *others: Array) -> Array:
+    # Whether it is a number is asked of the sum: of each bin it would cost more than all the rest.
+    whole = jnp.issubdtype(first.dtype, jnp.integer)
+    values = [one.astype(jnp.result_type(float)) for one in (first, *others)]
+    added = sum(values[1:], values[0])
+    return added if whole else jnp.where(jnp.isfinite(added), added, 0.0)
 
 
 class PulseFit(PeakEstimator):
@@ -60,17 +69,17 @@ class PulseFit(PeakEstimator):
         return self.place(near, *self.read(sweep, near))
 
     def begin(self, sweep: RawSweep) -> Index:
-        """The middle bin of the largest running sum."""
-        values, bins = finite(sweep), sweep.shape[0]
+        """The middle bin of the largest running sum; a sum over what is no number does not count."""
+        values, bins = jnp.asarray(sweep), sweep.shape[0]
         width = min(self.search, max(1, bins // 3))
         size = -(-width // MOST_SHIFTS)
         if size > 1:
-            values = jnp.sum(values[: bins // size * size].reshape(bins // size, size), axis=1)
-        # Summed beforehand and at every place anew: nothing runs along the sweep, and no difference of large sums.
+            values = jnp.sum(finite(values)[: bins // size * size].reshape(bins // size, size), axis=1)
+        # Summed at every place anew: nothing runs along the sweep, and there is no difference of large sums.
         count = max(1, round(width / size))
         places = values.shape[0] - count + 1
-        sums = sum((values[k : k + places] for k in range(1, count)), values[:places])
-        return first_argmax(sums) * size + (count * size) // 2
+        first, _ = first_largest(*(values[k : k + places] for k in range(count)), of=_finite_sum)
+        return first * size + (count * size) // 2
 
     def read(self, sweep: RawSweep, near: Index) -> tuple[Index, Any]:
         """The first bin that is looked at, and the amplitudes from there."""

@@ -144,12 +144,12 @@ class EchoRange(Task):
             _Kind(30, second=0.5),
         ]
         kinds = [*white, *recorded, *([] if quick else others)]
-        return [kind.case(self._count(kind, quick), self.seed) for kind in kinds]
+        return [kind.case(self._count(kind), self.seed) for kind in kinds]
 
-    def _count(self, kind: _Kind, quick: bool) -> int:
+    def _count(self, kind: _Kind) -> int:
         if self.sweeps is not None:
             return self.sweeps
-        return (5_000 if quick else 20_000) // (8 if BINS[kind.bin_m] > 1000 else 1)
+        return 20_000 // (8 if BINS[kind.bin_m] > 1000 else 1)
 
     def candidates(self, quick: bool = False) -> Sequence[Candidate]:
         return [*jax_candidates(quick), *peer_candidates(quick)]
