@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -11,6 +10,7 @@ from rich.progress import Progress
 
 from jaxradar import pareto
 from jaxradar.pareto import Spread, spread
+from jaxradar.pareto.timing import three_digits as figure
 
 __all__ = ["Spread", "around", "figure", "ratio", "rounds", "say", "spread"]
 
@@ -24,11 +24,6 @@ def say(text: str) -> None:
 
 def around(held: Spread) -> str:
     return f"{figure(held.low)}..{figure(held.high)}"
-
-
-def figure(value: float) -> str:
-    """Three digits, without an exponent."""
-    return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0}f}"
 
 
 def ratio(times: np.ndarray, others: np.ndarray) -> Spread:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import datetime
-import importlib.metadata
 import json
 import os
-import platform
 import subprocess
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -14,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from measure import Spread
+
+from jaxradar.pareto import machine
 
 __all__ = ["Others", "Row", "Section", "compare", "header", "read", "render", "to_json"]
 
@@ -41,22 +40,6 @@ class Section:
     rows: list[Row] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     failed: bool = False
-
-
-def _version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return "absent"
-
-
-def _cpu() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
 
 
 class Others:
@@ -96,20 +79,8 @@ def _commit() -> str:
 
 
 def header(command: Sequence[str]) -> dict[str, str]:
-    import jax
-
-    # Those that this process may use; not all systems can say.
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     packages = ("jaxradar", "jax", "jaxlib", "numpy", "numba")
-    return {
-        "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        "cpu": f"{_cpu()}, {cores} cores",
-        "device": ", ".join(f"{device.platform}: {device.device_kind}" for device in jax.devices()),
-        "versions": f"python {platform.python_version()}, "
-        + ", ".join(f"{name} {_version(name)}" for name in packages),
-        "commit": _commit(),
-        "command": " ".join(command),
-    }
+    return {**machine(packages), "commit": _commit(), "command": " ".join(command)}
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]], words: int) -> list[str]:

@@ -36,6 +36,8 @@ Drives and figures:
 - `simulate`: drive through a scene, `load_scene` gives one by name or from a TOML file; the rest is in `jaxradar.sim`.
 - `plot_drive`, `plot_sweeps`: figures of a series and of what was found in it.
 
+Accuracy against time is measured by `jaxradar.pareto`, with the tasks of `jaxradar.tasks`.
+
 What a user can get wrong is said in one sentence:
 
 - `JaxradarError`: base of the two below.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from os import PathLike
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -17,6 +17,7 @@ from jaxradar._toml import check_keys, toml_line
 
 __all__ = [
     "Settings",
+    "bounded",
     "choice_setting",
     "declared",
     "in_order",
@@ -70,9 +71,19 @@ class Settings(eqx.Module):
                 )
 
 
+Held = TypeVar("Held", bound=Settings)
+
+
 def is_plain(value: Any) -> bool:
     """Whether a setting is one number, and not traced or one for each scene of a batch."""
     return not isinstance(value, jax.core.Tracer) and np.ndim(value) == 0
+
+
+def bounded(held: Held, **changed: float) -> Held:
+    """The same with other values, each moved to the nearest bound where it is outside."""
+    known = {one.name: one.metadata for one in dataclasses.fields(held)}
+    inside = {name: min(max(float(value), known[name]["low"]), known[name]["high"]) for name, value in changed.items()}
+    return dataclasses.replace(held, **inside)
 
 
 def in_order(kind: str, first: str, low: Any, second: str, high: Any) -> None:

@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import time
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 
 from jaxradar import ConfigError, pareto
-from jaxradar.pareto import Candidate, Case, Figure, Frontier, Point, Program, Score, Spread, Task
-from jaxradar.pareto.front import CaseResult
+from jaxradar.pareto import (
+    Candidate,
+    Case,
+    CaseResult,
+    Data,
+    Estimate,
+    Frontier,
+    Point,
+    Program,
+    Score,
+    Spread,
+    Task,
+)
+from jaxradar.pareto.front import on_front
+from jaxradar.plots.frontier import plot_case, plot_levels
 
 
 @pytest.mark.parametrize("what", ["mean", "rms", "share", "percentile"])
@@ -28,7 +43,7 @@ def test_intervals_cover_as_often_as_they_say(what: str) -> None:
         elif what == "rms":
             found, truth = pareto.rms(values), 1.0
         elif what == "share":
-            found, truth = pareto.share(int((values > 1.0).sum()), 200), 0.15866
+            found, truth = pareto.proportion(int((values > 1.0).sum()), 200), 0.15866
         else:
             found, truth = pareto.percentile(values, 90.0), 1.28155
         assert found.low <= found.value <= found.high
@@ -37,18 +52,24 @@ def test_intervals_cover_as_often_as_they_say(what: str) -> None:
 
 
 def test_intervals_of_few_and_of_extremes() -> None:
-    assert pareto.share(0, 10).low == 0.0
-    assert pareto.share(10, 10).high == 1.0
-    assert pareto.share(0, 10).high == pytest.approx(1 - 0.025**0.1)
+    assert pareto.proportion(0, 10).low == 0.0
+    assert pareto.proportion(10, 10).high == 1.0
+    assert pareto.proportion(0, 10).high == pytest.approx(1 - 0.025**0.1)
     assert math.isinf(pareto.mean(np.array([2.0])).high)
     assert math.isinf(pareto.percentile(np.arange(5.0), 95.0).high)
     with pytest.raises(ValueError, match="3 of 2"):
-        pareto.share(3, 2)
+        pareto.proportion(3, 2)
+
+
+def held(*points: Point) -> Frontier:
+    case = Case("case", lambda: Data(None, None, 1), "")
+    result = CaseResult(case, None, points, {})
+    return Frontier("t", "T", "sweep", "error", "mm", "time", "s", False, 3, {}, (result,))
 
 
 def point(name: str, error: tuple[float, float, float], ns: tuple[float, float, float]) -> Point:
     spread = Spread(*(1e-9 * one for one in (ns[1], ns[0], ns[2])))
-    figure = Figure(error[1], error[0], error[2])
+    figure = Estimate(error[1], error[0], error[2])
     return Point(name, {}, False, False, 100, Score(figure), spread, None, 0.0)
 
 
@@ -60,26 +81,24 @@ def test_the_front_is_what_nobody_beats() -> None:
         point("as good, as fast, within the error bars", (0.95, 1.05, 1.15), (30, 31, 32)),
         point("as good and slower", (0.95, 1.05, 1.15), (90, 100, 110)),
     ]
-    assert pareto.on_front(points) == [True, False, True, True, False]
+    assert on_front(points) == [True, False, True, True, False]
 
 
 def test_choose_keeps_the_budget_or_says_who_comes_closest() -> None:
-    points = (point("fast", (9, 10, 11), (9, 10, 11)), point("good", (0.9, 1, 1.1), (29, 30, 31)))
-    result = CaseResult("case", "", {}, None, "", points, {})
-    held = Frontier("t", "T", "sweep", "error", "mm", False, (result,))
-    assert pareto.choose(held, error=5.0).candidate == "good"
-    assert pareto.choose(held, error=50.0).candidate == "fast"
-    assert pareto.choose(held, time_s=35e-9).candidate == "good"
-    assert pareto.choose(held, time_s=15e-9, case="case").candidate == "fast"
+    both = held(point("fast", (9, 10, 11), (9, 10, 11)), point("good", (0.9, 1, 1.1), (29, 30, 31)))
+    assert pareto.choose(both, error=5.0).candidate == "good"
+    assert pareto.choose(both, error=50.0).candidate == "fast"
+    assert pareto.choose(both, cost=35e-9).candidate == "good"
+    assert pareto.choose(both, cost=15e-9, case="case").candidate == "fast"
     for budget, said in (
-        ({"error": 0.5}, "good with 1 mm in 30 ns"),
-        ({"time_s": 1e-9}, "fast with 10 mm in 10 ns"),
-        ({"error": 5.0, "time_s": 15e-9}, "nobody meets"),
+        ({"error": 0.5}, "good with 1 mm in 30.0 ns"),
+        ({"cost": 1e-9}, "fast with 10 mm in 10.0 ns"),
+        ({"error": 5.0, "cost": 15e-9}, "nobody meets"),
         ({}, "a budget"),
         ({"error": 1.0, "case": "other"}, "expected one of case"),
     ):
         with pytest.raises(ConfigError, match=said):
-            pareto.choose(held, **budget)  # type: ignore[arg-type]
+            pareto.choose(both, **budget)  # type: ignore[arg-type]
 
 
 class Guess(Task):
@@ -89,38 +108,42 @@ class Guess(Task):
 
     def cases(self, quick: bool = False) -> Sequence[Case]:
         values = np.random.default_rng(0).standard_normal(1000)
-        return [Case(f"case {k}", values, values, 1000, "numbers", bound=0.01, gross=0.5) for k in range(2)]
+        return [Case(f"case {k}", lambda: Data(values, values, 1000, 0.01), "numbers") for k in range(2)]
 
     def candidates(self, quick: bool = False) -> Sequence[Candidate]:
-        def slow(case: Case) -> Program:
-            return Program(lambda: (time.sleep(0.01), case.inputs)[1], case.items)
+        def slow(data: Data) -> Program:
+            return Program(lambda: (time.sleep(0.01), data.inputs)[1], data.items)
 
-        def wrong(case: Case) -> Program:
-            noise = 0.1 * np.random.default_rng(1).standard_normal(case.items)
-            return Program(lambda: case.inputs + noise, case.items, lambda: time.sleep(1e-4))
+        def wrong(data: Data) -> Program:
+            noise = 0.1 * np.random.default_rng(1).standard_normal(data.items)
+            return Program(lambda: data.inputs + noise, data.items, lambda: time.sleep(1e-4))
 
-        def broken(case: Case) -> Program:
-            return Program(lambda: case.inputs * np.nan, case.items)
+        def broken(data: Data) -> Program:
+            return Program(lambda: data.inputs * np.nan, data.items)
 
-        def short(case: Case) -> Program:
-            return Program(lambda: case.inputs[:-1], case.items)
+        def short(data: Data) -> Program:
+            return Program(lambda: data.inputs[:-1], data.items)
+
+        def alone(data: Data) -> Program:
+            return Program(lambda: data.inputs, data.items, lambda: 1 // 0)
 
         return [
             Candidate("slow", slow, {"a": 1.0}),
             Candidate("wrong", wrong),
             Candidate("broken", broken),
             Candidate("short", short),
-            Candidate("not for this case", lambda case: None),
+            Candidate("alone", alone),
+            Candidate("not for this case", lambda data: None),
         ]
 
-    def score(self, case: Case, answer: Any, items: int) -> Score:
-        return pareto.estimation_score(answer, case.truth[:items], 1.0, case.gross)
+    def score(self, data: Data, answer: Any, items: int) -> Score:
+        return pareto.estimation_score(answer, data.truth[:items], 1.0, 0.5)
 
 
 def test_measure_tells_errors_times_front_and_failures() -> None:
     told: list[tuple[str, float]] = []
     found = pareto.measure(Guess(), count=3, progress=lambda what, share: told.append((what, share)))
-    assert [one.case for one in found.results] == ["case 0", "case 1"]
+    assert [one.case.name for one in found.results] == ["case 0", "case 1"]
     result = found.result()
     wrong, slow = result.points
     assert (wrong.candidate, slow.candidate) == ("wrong", "slow")
@@ -135,9 +158,10 @@ def test_measure_tells_errors_times_front_and_failures() -> None:
     assert result.failed == {
         "broken": "ValueError: 1000 of 1000 estimates are not numbers.",
         "short": "ValueError: expected 1000 estimates; got an array of shape (999,).",
+        "alone": "ZeroDivisionError: integer division or modulo by zero",
     }
     assert told[0][1] == 0.0
-    assert all(a[1] <= b[1] <= 1.0 for a, b in zip(told, told[1:], strict=False))
+    assert all(a[1] <= b[1] <= 1.0 for a, b in pairwise(told))
     columns, rows = pareto.table(found, result)
     assert all(len(row) == len(columns) for row in rows)
     assert rows[0][0] == "*  wrong"
@@ -145,7 +169,7 @@ def test_measure_tells_errors_times_front_and_failures() -> None:
     text = json.dumps(pareto.to_json(found), allow_nan=False)
     assert json.loads(text)["results"][0]["points"][1]["settings"] == {"a": 1.0}
     assert pareto.choose(Guess(), error=0.5, case="case 1").candidate == "wrong"
-    with pytest.raises(ConfigError, match="case 0, case 1"):
+    with pytest.raises(ConfigError, match="case 0; case 1"):
         pareto.choose(Guess(), error=0.5, case="case 7")
 
 
@@ -156,14 +180,71 @@ def test_measure_refuses_what_it_cannot_tell_apart() -> None:
         pareto.measure(task, twice)
     with pytest.raises(ValueError, match=">= 3"):
         pareto.measure(task, count=2)
+    broken = [one for one in task.candidates() if one.name == "broken"]
+    nobody = pareto.measure(task, broken, cases=["case 0"], count=3)
+    with pytest.raises(ConfigError, match="nobody had an answer in case 0: broken"):
+        pareto.choose(nobody, error=1.0)
+    with pytest.raises(ValueError, match="nobody had an answer"):
+        plot_case(nobody, nobody.result())
+
+
+def test_cost_may_be_something_else_than_time() -> None:
+    dear = dataclasses.replace(
+        point("dear", (0.9, 1, 1.1), (1, 1, 1)), score=Score(Estimate(1, 0.9, 1.1), {}, Estimate(70, 69, 71))
+    )
+    cheap = dataclasses.replace(
+        point("cheap", (8, 9, 10), (1, 1, 1)), score=Score(Estimate(9, 8, 10), {}, Estimate(40, 39, 41))
+    )
+    worse = dataclasses.replace(cheap, candidate="worse", score=Score(Estimate(9, 8, 10), {}, Estimate(60, 59, 61)))
+    assert on_front([dear, cheap, worse]) == [True, True, False]
+    loud = dataclasses.replace(held(dear, cheap, worse), cost_name="audible level", cost_unit="dB")
+    assert pareto.choose(loud, error=5.0).candidate == "dear"
+    assert pareto.choose(loud, cost=50.0).candidate == "cheap"
+    with pytest.raises(ConfigError, match="cheap with 9 mm in 40 dB"):
+        pareto.choose(loud, cost=10.0)
+
+
+def test_levels_are_drawn_where_there_are_three_of_a_series() -> None:
+    def result(level: float, error: float) -> CaseResult:
+        case = Case(
+            f"{level:g} dB", lambda: Data(None, None, 1), "numbers", {}, "B", "numbers", level, lambda x: 2.0, 5.0
+        )
+        points = (point("ours", (0.9 * error, error, 1.1 * error), (9, 10, 11)),)
+        return CaseResult(case, 1.0, points, {})
+
+    results = tuple(result(level, error) for level, error in ((20, 1.0), (0, 5.0), (40, 1.05)))
+    found = dataclasses.replace(held(), results=results)
+    figure = plot_levels(found)
+    assert figure is not None
+    (axes,) = figure.axes
+    assert figure.get_suptitle() == "From 20 dB on, ours is within 10% of the bound"
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels == ["threshold of gross errors", "B bound", "attainable", "ours"]
+    assert plot_levels(dataclasses.replace(found, results=results[:2])) is None
+
+
+def test_a_case_is_drawn_with_its_bound_front_and_labels() -> None:
+    points = (
+        dataclasses.replace(point("ours", (0.9, 1.0, 1.05), (9, 10, 11)), front=True),
+        dataclasses.replace(point("theirs", (0.9, 1.0, 1.05), (90, 100, 110)), peer=True),
+        point("unnamed", (2, 3, 4), (9, 10, 11)),
+    )
+    case = Case("case", lambda: Data(None, None, 1), "numbers", bound_name="B")
+    found = held()
+    figure = plot_case(found, CaseResult(case, 1.0, points, {}))
+    assert figure.get_suptitle() == "Within 10% of the bound in 10.0 ns a sweep; others take 10 times as long"
+    (axes,) = figure.axes
+    texts = {text.get_text() for text in axes.texts}
+    assert texts == {"ours", "theirs"}
+    assert axes.get_xscale() == axes.get_yscale() == "log"
 
 
 def test_gross_errors_are_told_apart() -> None:
     truth = np.zeros(1000)
     estimates = np.where(np.arange(1000) < 20, 2.0, 0.1)
     score = pareto.estimation_score(estimates, truth, 1e3, 1.0)
-    assert score.details["gross"].value == 0.02
-    assert score.details["RMSE without gross"].value == pytest.approx(100.0)
+    assert score.details["gross %"].value == pytest.approx(2.0)
+    assert score.details["without gross"].value == pytest.approx(100.0)
     assert score.error.value == pytest.approx(1e3 * math.sqrt(0.02 * 4 + 0.98 * 0.01))
     assert score.details["bias"].value == pytest.approx(1e3 * (0.04 + 0.098))
 

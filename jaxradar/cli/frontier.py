@@ -6,8 +6,9 @@ import argparse
 import json
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from jaxradar._errors import ConfigError
 from jaxradar._toml import nearest
@@ -15,10 +16,11 @@ from jaxradar.cli._options import add_command, number, whole
 from jaxradar.cli._output import console, plain, print_table, ready_folder, shown
 
 if TYPE_CHECKING:
-    from jaxradar.pareto import Frontier, Point
+    from jaxradar.pareto import Frontier
 
 __all__ = ["add_to"]
 
+# As in `jaxradar.tasks`, which takes a second to import.
 _TASKS = ("range", "speed", "steps", "spacing")
 _DESCRIPTION = """\
 Measure what accuracy costs in time, on this machine: error and time of every
@@ -28,66 +30,79 @@ TASK is range (of one echo), speed (from ranges), steps (in the road), spacing
 (of a simulated road's scatterers), or several; all if none is named. Written
 to DIR for each task: TASK.json with all figures, and a picture of each case.
 Times are of this machine as busy as it is: leave it alone meanwhile."""
+_EXAMPLE = """\
+jaxradar frontier range -o frontier --quick
+  jaxradar frontier range -o frontier --case "recorded 40 dB" --error 0.3"""
 
 
 def add_to(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Make the command known."""
     parser = add_command(
-        commands,
-        "frontier",
-        _run,
-        summary="what accuracy costs in time",
-        description=_DESCRIPTION,
-        example="jaxradar frontier range -o frontier --quick",
+        commands, "frontier", _run, summary="what accuracy costs in time", description=_DESCRIPTION, example=_EXAMPLE
     )
     parser.add_argument("tasks", nargs="*", metavar="TASK", help=f"any of {', '.join(_TASKS)} (default: all)")
-    parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder for tables and pictures")
+    parser.add_argument("-o", "--output", metavar="DIR", help="folder for figures and pictures")
     parser.add_argument("--quick", action="store_true", help="fewer cases, candidates and rounds: under a minute")
     parser.add_argument("--rounds", type=whole(3, 10_000), metavar="N", help="of timing (default: 15, quick 5)")
-    parser.add_argument("--case", metavar="NAME", help="print this case (default: each task's first)")
+    parser.add_argument("--case", metavar="NAME", help="measure this case alone (default: all; --list names them)")
     parser.add_argument(
-        "--error", type=number(0.0, above=True), metavar="E", help="also say who is cheapest with at most this error"
+        "--error",
+        type=number(0.0, above=True),
+        metavar="E",
+        help="say who is cheapest with at most this error, in the task's unit (mm, m/s, %%)",
     )
     parser.add_argument(
         "--time-ns", type=number(0.0, above=True), metavar="NS", help="or most accurate in this time an item"
     )
+    parser.add_argument("--list", action="store_true", help="list the tasks and their cases")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
 
 
 def _run(args: argparse.Namespace) -> int:
+    from jaxradar.pareto import to_json
+
     for name in args.tasks:
         if name not in _TASKS:
             raise ConfigError(f"no task `{name}`{nearest(name, _TASKS)}; expected {', '.join(_TASKS)}.")
-    folder = ready_folder(args.output, "--output")
-    assert folder is not None  # argparse asks for it
     names = list(dict.fromkeys(args.tasks)) or list(_TASKS)
+    if args.list:
+        _list(names, args.quick)
+        return 0
+    if args.output is None:
+        raise ConfigError("expected --output DIR for figures and pictures, or --list.")
     for option, value in (("--error", args.error), ("--case", args.case)):
         if value is not None and len(names) > 1:
             raise ConfigError(f"{option} is of one task; name the task.")
-    if args.case is not None:
-        _check_case(names[0], args.case, args.quick)
-    found = [_measured(name, args, place, len(names)) for place, name in enumerate(names)]
-    records = []
-    for one in found:
-        record = plain(_with_choice(one, args))
-        _write(one, record, folder)
+    folder = ready_folder(args.output, "--output")
+    assert folder is not None
+    status, records = 0, []
+    for place, name in enumerate(names):
+        found = _measured(name, args, place, len(names))
+        record = plain(to_json(found))
+        said, met = _choice(found, args, record)
+        _write(found, record, folder)
         records.append(record)
+        if not args.json:
+            _print(found, args)
+            print(said)
+        elif not met:
+            print(f"jaxradar: {said}", file=sys.stderr)
+        status |= not met
     if args.json:
         print(json.dumps(records, allow_nan=False, indent=1))
-        return 0
-    for one in found:
-        _print(one, args)
-    print(f"Tables and pictures in {shown(folder)}")
-    return 0
+    else:
+        print(f"Figures and pictures in {shown(folder)}")
+    return status
 
 
-def _check_case(task: str, case: str, quick: bool) -> None:
-    """Before minutes of measuring."""
+def _list(names: Sequence[str], quick: bool) -> None:
     from jaxradar.tasks import TASKS
 
-    known = [one.name for one in TASKS[task]().cases(quick)]
-    if case not in known:
-        raise ConfigError(f"no case {case!r}{nearest(case, known)}; expected one of {'; '.join(known)}.")
+    for name in names:
+        task = TASKS[name]()
+        print(f"{name}: {task.title}")
+        for case in task.cases(quick):
+            print(f'  "{case.name}": {case.about}')
 
 
 def _measured(name: str, args: argparse.Namespace, place: int, count: int) -> Frontier:
@@ -105,24 +120,26 @@ def _measured(name: str, args: argparse.Namespace, place: int, count: int) -> Fr
         def told(what: str, share: float) -> None:
             progress.update(bar, completed=share, description=f"{name}: {what}")
 
-        return measure(TASKS[name](), quick=args.quick, count=args.rounds, progress=told)
+        cases = None if args.case is None else [args.case]
+        return measure(TASKS[name](), cases=cases, quick=args.quick, count=args.rounds, progress=told)
 
 
-def _with_choice(found: Frontier, args: argparse.Namespace) -> dict[str, object]:
-    from jaxradar.pareto import to_json
-
-    record: dict[str, object] = to_json(found)
-    chosen = _choice(found, args)
-    return record if chosen is None else {**record, "chosen": chosen.candidate}
-
-
-def _choice(found: Frontier, args: argparse.Namespace) -> Point | None:
+def _choice(found: Frontier, args: argparse.Namespace, record: dict[str, Any]) -> tuple[str, bool]:
+    """Who meets the budget, if one was asked for, as a sentence and in the record; whether that was well."""
     from jaxradar.pareto import choose
 
     if args.error is None and args.time_ns is None:
-        return None
-    time_s = None if args.time_ns is None else 1e-9 * args.time_ns
-    return choose(found, error=args.error, time_s=time_s, case=args.case)
+        return "", True
+    cost = None if args.time_ns is None else 1e-9 * args.time_ns
+    try:
+        point = choose(found, error=args.error, cost=cost, case=args.case)
+    except ConfigError as error:
+        return str(error), False
+    record["chosen"] = point.candidate
+    return (
+        f"Within the budget: {point.candidate}, {point.error.value:.3g} {found.unit} ({point.error.low:.3g} to "
+        f"{point.error.high:.3g}) in {found.cost_text(point.cost.value)} a {found.item}.\n"
+    ), True
 
 
 def _write(found: Frontier, record: object, folder: Path) -> None:
@@ -132,13 +149,12 @@ def _write(found: Frontier, record: object, folder: Path) -> None:
 
     with staged(folder / f"{found.task}.json", overwrite=True) as stage:
         stage.write_text(json.dumps(record, allow_nan=False, indent=1) + "\n", encoding="utf-8")
-    for place, result in enumerate(found.results):
+    for result in found.results:
         if result.points:
-            name = found.task if not place else f"{found.task}-{_slug(result.case)}"
-            save(plot_case(found, result), folder / f"{name}.png")
+            save(plot_case(found, result), folder / f"{found.task}-{_slug(result.case.name)}.png")
     levels = plot_levels(found)
     if levels is not None:
-        save(levels, folder / f"{found.task}-snr.png")
+        save(levels, folder / f"{found.task}-levels.png")
 
 
 def _slug(text: str) -> str:
@@ -149,18 +165,11 @@ def _print(found: Frontier, args: argparse.Namespace) -> None:
     from jaxradar.pareto import table
 
     result = found.result(args.case)
-    print(f"{found.title}. {result.case}: {result.about}.")
+    print(f"{found.title}. {result.case.name}: {result.case.about}.")
     if result.bound:
-        print(f"{result.bound_name} bound: {result.bound:.3g} {found.unit}.")
+        print(f"{result.case.bound_name} bound: {result.bound:.3g} {found.unit}.")
     columns, rows = table(found, result)
     print_table(sys.stdout, columns, rows)
     print("* on the front   D the default")
     for name, why in result.failed.items():
         print(f"{name}: not measured: {why}")
-    chosen = _choice(found, args)
-    if chosen is not None:
-        print(
-            f"Within the budget: {chosen.candidate}, {chosen.error.value:.3g} {found.unit} "
-            f"({chosen.error.low:.3g} to {chosen.error.high:.3g}) in {1e9 * chosen.batch.median:.3g} ns a {found.item}."
-        )
-    print()

@@ -1,24 +1,33 @@
 """Accuracy against time: a task and candidates in, points with error bars out; who is on the front, whom to choose.
 
-from jaxradar.pareto import choose, measure
-from jaxradar.tasks import TASKS
+    from jaxradar.pareto import choose, measure, table
+    from jaxradar.signal.peaks import Parabola
+    from jaxradar.tasks import EchoRange
 
-found = measure(TASKS["range"]())
-print(choose(found, error=1.2, case="white 20 dB").candidate)
+    task = EchoRange()
+    mine = task.candidate("my parabola", lambda fwhm, bin_m: Parabola(round(0.4 * fwhm)))
+    found = measure(task, [*task.candidates(quick=True), mine], cases=["white 20 dB"])
+    print(table(found, found.result()))
+    print(choose(found, error=1.2).candidate)
+
+A task of one's own is a subclass of `Task` with `cases`, `candidates` and `score`; `estimation_score` does the last for
+estimates of one number each.
 """
 
-from jaxradar.pareto.figures import Figure, mean, percentile, rms, share
-from jaxradar.pareto.front import CaseResult, Frontier, Point, choose_point, on_front
+from jaxradar.pareto.front import CaseResult, Frontier, Point
+from jaxradar.pareto.intervals import Estimate, mean, percentile, proportion, rate, rms
+from jaxradar.pareto.machine import machine
 from jaxradar.pareto.measure import choose, measure
-from jaxradar.pareto.report import table, time_text, to_json
-from jaxradar.pareto.task import Candidate, Case, Program, Score, Task, estimation_score
-from jaxradar.pareto.timing import Spread, first_call, rounds, spread
+from jaxradar.pareto.report import table, to_json
+from jaxradar.pareto.task import Candidate, Case, Data, Program, Score, Task, estimation_score
+from jaxradar.pareto.timing import Spread, rounds, spread, time_text
 
 __all__ = [
     "Candidate",
     "Case",
     "CaseResult",
-    "Figure",
+    "Data",
+    "Estimate",
     "Frontier",
     "Point",
     "Program",
@@ -26,16 +35,15 @@ __all__ = [
     "Spread",
     "Task",
     "choose",
-    "choose_point",
     "estimation_score",
-    "first_call",
+    "machine",
     "mean",
     "measure",
-    "on_front",
     "percentile",
+    "proportion",
+    "rate",
     "rms",
     "rounds",
-    "share",
     "spread",
     "table",
     "time_text",

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from jaxradar._errors import ConfigError
-from jaxradar.pareto.figures import Figure
-from jaxradar.pareto.task import Score
-from jaxradar.pareto.timing import Spread
+from jaxradar.pareto.intervals import Estimate
+from jaxradar.pareto.task import Case, Score
+from jaxradar.pareto.timing import Spread, time_text
 
 __all__ = ["CaseResult", "Frontier", "Point", "choose_point", "on_front"]
 
@@ -31,19 +31,21 @@ class Point:
     front: bool = False
 
     @property
-    def error(self) -> Figure:
+    def error(self) -> Estimate:
         return self.score.error
+
+    @property
+    def cost(self) -> Estimate:
+        """What the score says, or the time of one item: the median, and where 10 to 90 % of the rounds lie."""
+        return self.score.cost or Estimate(self.batch.median, self.batch.low, self.batch.high)
 
 
 @dataclass(frozen=True)
 class CaseResult:
     """All candidates in one case, the cheapest first. `failed`: who had no answer, and why."""
 
-    case: str
-    about: str
-    setting: dict[str, float]
+    case: Case
     bound: float | None
-    bound_name: str
     points: tuple[Point, ...]
     failed: dict[str, str]
 
@@ -54,29 +56,37 @@ class CaseResult:
 
 @dataclass(frozen=True)
 class Frontier:
-    """What was measured of a task."""
+    """What was measured of a task, with how many rounds, and where."""
 
     task: str
     title: str
     item: str
     error_name: str
     unit: str
+    cost_name: str
+    cost_unit: str
     quick: bool
+    rounds: int
+    machine: dict[str, str]
     results: tuple[CaseResult, ...]
 
     def result(self, case: str | None = None) -> CaseResult:
         """Of a case by its name, or of the first. Raises `ConfigError` for one that there is not."""
         for one in self.results:
-            if case is None or one.case == case:
+            if case is None or one.case.name == case:
                 return one
-        raise ConfigError(f"no case {case!r}; expected one of {', '.join(one.case for one in self.results)}.")
+        raise ConfigError(f"no case {case!r}; expected one of {'; '.join(one.case.name for one in self.results)}.")
+
+    def cost_text(self, cost: float) -> str:
+        """With its unit."""
+        return time_text(cost) if self.cost_unit == "s" else f"{cost:.3g} {self.cost_unit}"
 
 
 def beats(one: Point, other: Point) -> bool:
-    """Whether `one` is better or faster beyond the error bars, and neither worse nor slower beyond them."""
-    worse, slower = other.error.below(one.error), other.batch.high < one.batch.low
-    better, faster = one.error.below(other.error), one.batch.high < other.batch.low
-    return (better or faster) and not (worse or slower)
+    """Whether `one` is better or cheaper beyond the error bars, and neither worse nor dearer beyond them."""
+    worse, dearer = other.error.below(one.error), other.cost.below(one.cost)
+    better, cheaper = one.error.below(other.error), one.cost.below(other.cost)
+    return (better or cheaper) and not (worse or dearer)
 
 
 def on_front(points: Sequence[Point]) -> list[bool]:
@@ -84,28 +94,34 @@ def on_front(points: Sequence[Point]) -> list[bool]:
     return [not any(beats(other, point) for other in points if other is not point) for point in points]
 
 
-def choose_point(result: CaseResult, unit: str, error: float | None = None, time_s: float | None = None) -> Point:
-    """The cheapest with an error of at most `error` in the frontier's unit, or the most accurate of those that take
-    at most `time_s` an item; with both, the cheapest that meets both. Counted by what was measured, not by the ends of
-    the error bars.
+def choose_point(found: Frontier, result: CaseResult, error: float | None = None, cost: float | None = None) -> Point:
+    """The cheapest with an error of at most `error` in the frontier's unit, or the most accurate of those that cost at
+    most `cost` (seconds an item, where the cost is time); with both, the cheapest that meets both. Counted by what was
+    measured, not by the ends of the error bars.
 
     Raises `ConfigError` if neither is given, and where nobody meets the budget, naming who comes closest.
     """
-    if error is None and time_s is None:
-        raise ConfigError("expected a budget: an error, a time, or both.")
+    if error is None and cost is None:
+        raise ConfigError("expected a budget: an error, a cost, or both.")
+    if not result.points:
+        raise ConfigError(
+            f"nobody had an answer in {result.case.name}: {'; '.join(map(': '.join, result.failed.items()))}"
+        )
     fits = [
         point
         for point in result.points
-        if (error is None or point.error.value <= error) and (time_s is None or point.batch.median <= time_s)
+        if (error is None or point.error.value <= error) and (cost is None or point.cost.value <= cost)
     ]
     if not fits:
         best = min(result.points, key=lambda point: point.error.value)
-        fast = min(result.points, key=lambda point: point.batch.median)
+        cheap = min(result.points, key=lambda point: point.cost.value)
+        first, second = (
+            f"{one.candidate} with {one.error.value:.3g} {found.unit} in {found.cost_text(one.cost.value)}"
+            for one in (best, cheap)
+        )
         raise ConfigError(
-            f"nobody meets the budget in {result.case}: the most accurate is {best.candidate} with "
-            f"{best.error.value:.3g} {unit} in {1e9 * best.batch.median:.3g} ns, the fastest {fast.candidate} with "
-            f"{fast.error.value:.3g} {unit} in {1e9 * fast.batch.median:.3g} ns."
+            f"nobody meets the budget in {result.case.name}: the most accurate is {first}, the cheapest {second}."
         )
     if error is None:
-        return min(fits, key=lambda point: (point.error.value, point.batch.median))
-    return min(fits, key=lambda point: (point.batch.median, point.error.value))
+        return min(fits, key=lambda point: (point.error.value, point.cost.value))
+    return min(fits, key=lambda point: (point.cost.value, point.error.value))

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from jaxradar._errors import ConfigError
 from jaxradar.pareto.front import CaseResult, Frontier, Point, choose_point, on_front
+from jaxradar.pareto.machine import machine
 from jaxradar.pareto.task import Candidate, Case, Program, Score, Task
 from jaxradar.pareto.timing import first_call, rounds, spread
 
 __all__ = ["choose", "measure"]
 
+ROUNDS, QUICK_ROUNDS, FEWEST_ROUNDS = 15, 5, 3
 ALONE = 10  # calls of a single item that are timed together: one is too short for the clock
 
 
@@ -22,108 +25,122 @@ def measure(
     task: Task,
     candidates: Sequence[Candidate] | None = None,
     *,
+    cases: Collection[str] | None = None,
     quick: bool = False,
     count: int | None = None,
     progress: Callable[[str, float], None] = lambda what, share: None,
 ) -> Frontier:
     """Error and time of every candidate in every case.
 
-    `candidates`: all that the task knows if None. `count`: rounds of timing, 15, or 5 if `quick`. `progress` is told
-    what is being done and which share of all is done. A candidate that raises, or whose answer is no answer, is
-    reported as failed and not timed.
+    `candidates`: all that the task knows if None; `cases`: the names of those to measure. `count`: rounds of timing,
+    15, or 5 if `quick`. `progress` is told what is being done and which share of all is done. A candidate that raises,
+    or whose answer is no answer, is reported as failed and not timed. Raises `ValueError` for two candidates of one
+    name and fewer than 3 rounds, `ConfigError` for a case that there is not.
     """
     held = task.candidates(quick) if candidates is None else candidates
     names = [one.name for one in held]
     if len(set(names)) != len(names):
         raise ValueError("candidates must have different names.")
-    count = (5 if quick else 15) if count is None else count
-    if count < 3:
-        raise ValueError(f"`measure(count=...)` must be >= 3, as percentiles are taken; got {count}.")
-    cases = task.cases(quick)
+    count = (QUICK_ROUNDS if quick else ROUNDS) if count is None else count
+    if count < FEWEST_ROUNDS:  # percentiles are taken
+        raise ValueError(f"`measure(count=...)` must be >= {FEWEST_ROUNDS}; got {count}.")
+    known = task.cases(quick)
+    unknown = set(cases or ()) - {one.name for one in known}
+    if unknown:
+        raise ConfigError(
+            f"no case {', '.join(map(repr, sorted(unknown)))}; expected one of {'; '.join(one.name for one in known)}."
+        )
+    chosen = [one for one in known if cases is None or one.name in cases]
+    about = (task.name, task.title, task.item, task.error_name, task.unit, task.cost_name, task.cost_unit)
     steps = len(held) + count + 1
     results = []
-    for place, case in enumerate(cases):
+    for place, case in enumerate(chosen):
 
         def told(what: str, step: int, case: Case = case, place: int = place) -> None:
-            progress(f"{case.name}: {what}", (place + min(step, steps) / steps) / len(cases))
+            progress(f"{case.name}: {what}", (place + min(step, steps) / steps) / len(chosen))
 
         results.append(_measure_case(task, case, held, count, told))
-    return Frontier(task.name, task.title, task.item, task.error_name, task.unit, quick, tuple(results))
+    return Frontier(*about, quick, count, machine(), tuple(results))
+
+
+class _Ready(NamedTuple):
+    candidate: Candidate
+    program: Program
+    score: Score
+    first_s: float
 
 
 def _measure_case(
     task: Task, case: Case, candidates: Sequence[Candidate], count: int, told: Callable[[str, int], None]
 ) -> CaseResult:
-    ready: dict[str, tuple[Candidate, Program, Score, float]] = {}
+    told("drawing", 0)
+    data = case.draw()
+    ready: dict[str, _Ready] = {}
     failed: dict[str, str] = {}
     for step, candidate in enumerate(candidates):
         told(candidate.name, step)
         try:
-            program = candidate.prepare(case)
+            program = candidate.prepare(data)
             if program is None:
                 continue
             answers: list[Any] = []
-            first_s = first_call(lambda program=program, answers=answers: answers.append(program.batch()))  # type: ignore[misc]
-            score = task.score(case, answers[0], program.items)
+            first_s = first_call(lambda program=program, answers=answers: answers.append(_waited(program.batch)))  # type: ignore[misc]
+            if program.single:
+                _waited(program.single)
+            score = task.score(data, answers[0], program.items)
         except Exception as error:  # whatever a script's own candidate may raise: the others are still worth measuring
             failed[candidate.name] = f"{type(error).__name__}: {error}"
             continue
-        ready[candidate.name] = candidate, program, score, first_s
-    done = iter(range(len(candidates), len(candidates) + 2 * count + 2))
+        ready[candidate.name] = _Ready(candidate, program, score, first_s)
+    done = iter(range(len(candidates), len(candidates) + count + 1))
     told("timing", len(candidates))
     batches = rounds(
-        {name: program.batch for name, (_, program, _, _) in ready.items()}, count, lambda: told("timing", next(done))
+        {name: (lambda run=one.program.batch: _waited(run)) for name, one in ready.items()},  # type: ignore[misc]
+        count,
+        lambda: told("timing", next(done)),
     )
-    singles = rounds(
-        {name: _repeated(program.single) for name, (_, program, _, _) in ready.items() if program.single}, count
-    )
-    points = [
-        _point(candidate, program, score, first_s, batches[name], singles.get(name))
-        for name, (candidate, program, score, first_s) in ready.items()
-    ]
-    points.sort(key=lambda point: point.batch.median)
+    singles = rounds({name: _repeated(one.program.single) for name, one in ready.items() if one.program.single}, count)
+    points = [_point(one, batches[name], singles.get(name)) for name, one in ready.items()]
+    points.sort(key=lambda point: point.cost.value)
     marked = tuple(replace(point, front=front) for point, front in zip(points, on_front(points), strict=True))
-    return CaseResult(case.name, case.about, dict(case.setting), case.bound, case.bound_name, marked, failed)
+    return CaseResult(case, data.bound, marked, failed)
+
+
+def _waited(run: Callable[[], Any]) -> Any:
+    return jax.block_until_ready(run())
 
 
 def _repeated(single: Callable[[], Any]) -> Callable[[], None]:
     def run() -> None:
         for _ in range(ALONE):
-            single()
+            _waited(single)
 
     return run
 
 
-def _point(
-    candidate: Candidate, program: Program, score: Score, first_s: float, batch: np.ndarray, single: np.ndarray | None
-) -> Point:
+def _point(one: _Ready, batch: np.ndarray, single: np.ndarray | None) -> Point:
     return Point(
-        candidate=candidate.name,
-        settings=dict(candidate.settings),
-        default=candidate.default,
-        peer=candidate.peer,
-        items=program.items,
-        score=score,
-        batch=spread(batch / program.items),
+        candidate=one.candidate.name,
+        settings=dict(one.candidate.settings),
+        default=one.candidate.default,
+        peer=one.candidate.peer,
+        items=one.program.items,
+        score=one.score,
+        batch=spread(batch / one.program.items),
         single=None if single is None else spread(single / ALONE),
-        first_s=max(first_s - float(np.median(batch)), 0.0),
+        first_s=max(one.first_s - float(np.median(batch)), 0.0),
     )
 
 
 def choose(
-    task: Task | Frontier, *, error: float | None = None, time_s: float | None = None, case: str | None = None
+    task: Task | Frontier, *, error: float | None = None, cost: float | None = None, case: str | None = None
 ) -> Point:
-    """The cheapest candidate whose error is at most `error` (in the task's unit), or the most accurate that takes at
-    most `time_s` an item, with its measured figures; of the named case, or the first.
+    """The cheapest candidate whose error is at most `error` (in the task's unit), or the most accurate that costs at
+    most `cost` (seconds an item, where the cost is time), with its measured figures; of the named case, or the first.
 
-    A task is measured first; give a `Frontier` to ask more than once. Raises `ConfigError` for a budget that nobody
-    meets, naming who comes closest.
+    A task is measured first; give a `Frontier` to ask more than once. Raises `ConfigError` for a case that there is
+    not and for a budget that nobody meets, naming who comes closest.
     """
     if isinstance(task, Task):
-        cases = [one for one in task.cases() if case is None or one.name == case][:1]
-        if not cases:
-            raise ConfigError(f"no case {case!r}; expected one of {', '.join(one.name for one in task.cases())}.")
-        result = _measure_case(task, cases[0], task.candidates(), 15, lambda what, step: None)
-    else:
-        result = task.result(case)
-    return choose_point(result, task.unit, error, time_s)
+        task = measure(task, cases=[case or task.cases()[0].name])
+    return choose_point(task, task.result(case), error, cost)

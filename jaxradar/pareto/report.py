@@ -3,30 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
-from jaxradar.pareto.figures import Figure
 from jaxradar.pareto.front import CaseResult, Frontier, Point
-from jaxradar.pareto.timing import Spread
+from jaxradar.pareto.intervals import Estimate
+from jaxradar.pareto.timing import Spread, three_digits, time_text
 
-__all__ = ["table", "time_text", "to_json"]
-
-
-def three_digits(value: float) -> str:
-    """Without an exponent, for numbers that people compare."""
-    if not math.isfinite(value):
-        return "∞" if value > 0 else "-∞" if value < 0 else "?"
-    digits = 2 - math.floor(math.log10(abs(value))) if value else 0
-    return f"{value:.{min(max(digits, 0), 6)}f}"
-
-
-def time_text(seconds: float) -> str:
-    """With the unit that fits."""
-    for unit, factor in (("s", 1.0), ("ms", 1e3), ("µs", 1e6)):
-        if seconds * factor >= 1.0:
-            return f"{three_digits(seconds * factor)} {unit}"
-    return f"{three_digits(seconds * 1e9)} ns"
+__all__ = ["table", "to_json"]
 
 
 def table(frontier: Frontier, result: CaseResult) -> tuple[list[str], list[list[str]]]:
@@ -54,7 +38,7 @@ def _row(point: Point, result: CaseResult, details: list[str]) -> list[str]:
     return [*cells, time_text(point.batch.median), _between(point.batch), alone, time_text(point.first_s)]
 
 
-def _interval(figure: Figure) -> str:
+def _interval(figure: Estimate) -> str:
     return f"{three_digits(figure.low)}..{three_digits(figure.high)}"
 
 
@@ -64,8 +48,21 @@ def _between(spread: Spread) -> str:
 
 def to_json(frontier: Frontier) -> dict[str, Any]:
     """All of it in plain lists, numbers and text; times in seconds, errors in `unit`; ends of intervals that lie at
-    infinity come out as None."""
-    plain: dict[str, Any] = _finite(asdict(frontier))
+    infinity come out as None. Each result bears its case's name, text and conditions beside its points."""
+    record = asdict(replace(frontier, results=()))
+    record["results"] = [
+        {
+            "case": result.case.name,
+            "about": result.case.about,
+            "conditions": dict(result.case.conditions),
+            "bound": result.bound,
+            "bound_name": result.case.bound_name,
+            "points": [asdict(point) for point in result.points],
+            "failed": result.failed,
+        }
+        for result in frontier.results
+    ]
+    plain: dict[str, Any] = _finite(record)
     return plain
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import gc
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Spread", "first_call", "rounds", "spread"]
+__all__ = ["Spread", "first_call", "rounds", "spread", "three_digits", "time_text"]
 
 # Threads of OpenMP, numba and XLA spin for a while after their work is done, and would spin on the next one's cores.
 PAUSE_S = 0.01
@@ -73,3 +74,19 @@ def rounds(
         if collecting:
             gc.enable()
     return times
+
+
+def three_digits(value: float) -> str:
+    """Without an exponent, for numbers that people compare."""
+    if not math.isfinite(value):
+        return "∞" if value > 0 else "-∞" if value < 0 else "?"
+    digits = 2 - math.floor(math.log10(abs(value))) if value else 0
+    return f"{value:.{min(max(digits, 0), 6)}f}"
+
+
+def time_text(seconds: float) -> str:
+    """With the unit that fits."""
+    for unit, factor in (("s", 1.0), ("ms", 1e3), ("µs", 1e6)):
+        if seconds * factor >= 1.0:
+            return f"{three_digits(seconds * factor)} {unit}"
+    return f"{three_digits(seconds * 1e9)} ns"

@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from jaxradar.estimate.bounds import threshold_snr_db, total_error_m
-from jaxradar.pareto import CaseResult, Frontier, Point, time_text
+from jaxradar.pareto import CaseResult, Frontier, Point
 from jaxradar.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, WIDTH_IN, styled, titled
 
 __all__ = ["plot_case", "plot_levels"]
@@ -24,74 +23,89 @@ MOST_CURVES = 5
 
 
 def plot_case(frontier: Frontier, result: CaseResult) -> Figure:
-    """Error over the time of one item, both axes logarithmic, with the bound and the front."""
+    """Error over cost (the time of one item), both axes logarithmic, with the bound and the front. Raises `ValueError`
+    where nobody had an answer."""
+    if not result.points:
+        raise ValueError(f"nobody had an answer in {result.case.name}.")
     with styled():
         figure = Figure(figsize=(WIDTH_IN, 0.62 * WIDTH_IN), layout="constrained")
         axes = figure.add_subplot()
         _scatter(axes, frontier, result)
-        titled(figure, axes, _message(frontier, result), f"{frontier.title}: {result.about}, {result.case}")
+        titled(figure, axes, _message(frontier, result), f"{frontier.title}: {result.case.about} ({result.case.name})")
     return figure
 
 
 def plot_levels(frontier: Frontier) -> Figure | None:
-    """RMS error over SNR for the front of the first case and the default, with the bound and the region where gross
-    errors keep everybody from it; None where fewer than three cases differ in SNR alone."""
-    first = frontier.results[0]
-    same = {key: value for key, value in first.setting.items() if key != "snr_db"}
-    held = sorted(
-        (
-            one
-            for one in frontier.results
-            if {key: value for key, value in one.setting.items() if key != "snr_db"} == same
-            and one.case.split(" ")[0] == first.case.split(" ")[0]
-            and "," not in one.case
-        ),
-        key=lambda one: one.setting.get("snr_db", math.nan),
-    )
-    if "snr_db" not in first.setting or len(held) < 3:
+    """Error over the level (SNR) of the first case's series: the bound, what theory says can be attained, and some
+    candidates; None where fewer than three cases of it were measured."""
+    series = frontier.results[0].case.series
+    held = [one for one in frontier.results if series and one.case.series == series and one.points]
+    if len(held) < 3:
         return None
+    held.sort(key=lambda one: one.case.level or 0.0)
     with styled():
         figure = Figure(figsize=(WIDTH_IN, 0.6 * WIDTH_IN), layout="constrained")
         axes = figure.add_subplot()
-        _draw_levels(axes, held, same)
+        _draw_levels(axes, held)
         axes.set_ylabel(f"{frontier.error_name} ({frontier.unit})")
-        titled(
-            figure,
-            axes,
-            "Above the threshold the pulse fit is at the bound; below it nobody is",
-            f"{first.about}; 95 % intervals",
-        )
+        titled(figure, axes, _level_message(held), f"{held[0].case.about}; 95 % intervals")
     return figure
 
 
-def _draw_levels(axes: Axes, held: Sequence[CaseResult], setting: dict[str, float]) -> None:
-    levels = [one.setting["snr_db"] for one in held]
-    shape = setting["fwhm_m"], setting["bin_m"]
-    fine = np.linspace(levels[0], levels[-1], 101)
-    threshold = threshold_snr_db(*shape, setting["window_m"], CLOSE)
-    axes.axvspan(
-        min(levels[0], threshold) - 1.0, threshold, color="#EFEFEF", zorder=0, label="gross errors: no one can"
-    )
-    axes.plot(levels, [one.bound or math.nan for one in held], color=BLACK, lw=1.6, label=held[0].bound_name + " bound")
-    total = [1e3 * total_error_m(level, *shape, setting["window_m"]) for level in fine]
-    axes.plot(fine, total, color=BLACK, lw=1.0, ls=":", label="bound with gross errors")
-    for name, color, marker in zip(_curves(held), (BLUE, VERMILION, GREEN, ORANGE, SKY), "oDs^v", strict=False):
-        errors = {one.setting["snr_db"]: point.error for one in held for point in one.points if point.candidate == name}
-        x = sorted(errors)
-        y = np.array([(errors[level].low, errors[level].value, errors[level].high) for level in x]).T
+def _draw_levels(axes: Axes, held: Sequence[CaseResult]) -> None:
+    levels = [one.case.level or 0.0 for one in held]
+    first = held[0].case
+    left, right = levels[0] - 1.0, levels[-1] + 1.0
+    if first.threshold is not None:
+        axes.axvspan(min(left, first.threshold), first.threshold, color="#EFEFEF", zorder=0)
+        axes.axvline(first.threshold, color=GREY, lw=0.8, ls="--", label="threshold of gross errors")
+    axes.plot(levels, [one.bound or math.nan for one in held], color=BLACK, lw=1.6, label=first.bound_name + " bound")
+    if first.attainable is not None:
+        fine = np.linspace(min(left, first.threshold or left), right, 201)
+        axes.plot(fine, [first.attainable(level) for level in fine], color=BLACK, lw=1.0, ls=":", label="attainable")
+    for name, color, marker in zip(_curves(held), (VERMILION, BLUE, GREEN, ORANGE, SKY), "Dos^v", strict=False):
+        errors = {one.case.level: point.error for one in held for point in one.points if point.candidate == name}
+        y = np.array([(errors[level].low, errors[level].value, errors[level].high) for level in errors]).T
+        x = [level or 0.0 for level in errors]
         axes.errorbar(x, y[1], yerr=np.abs(y[[0, 2]] - y[1]), color=color, marker=marker, ms=5, capsize=2, label=name)
     axes.set_yscale("log")
     _plain(axes)
-    axes.set_xlim(levels[0] - 1.0, levels[-1] + 1.0)
+    axes.set_xlim(min(left, first.threshold or left), right)
     axes.set_xlabel("SNR in one bin, 20 log₁₀(A/σ) (dB)")
     axes.legend(loc="upper right")
 
 
 def _curves(held: Sequence[CaseResult]) -> list[str]:
-    """The default's, the best at the first level with more than gross errors, and what people would take first."""
-    names = [point.candidate for point in held[0].points]
-    wanted = ["pulse fit", "default", "soft-argmax ±0.5", "parabola", "arg-max"]
-    return [name for name in wanted if name in names][:MOST_CURVES] or names[:MOST_CURVES]
+    """The default's, then those on the front of most of the levels, the most accurate of these first, then others."""
+    points = [point for one in held for point in one.points if not point.peer]
+    names = list(dict.fromkeys(point.candidate for point in sorted(points, key=lambda one: not one.default)))
+
+    def rank(name: str) -> tuple[bool, int, float]:
+        its = [point for point in points if point.candidate == name]
+        return (
+            not its[0].default,
+            -sum(point.front for point in its),
+            sum(math.log(max(p.error.value, 1e-300)) for p in its),
+        )
+
+    plain = [name for name in sorted(names, key=rank) if name.count(",") == 0]
+    return plain[:MOST_CURVES]
+
+
+def _level_message(held: Sequence[CaseResult]) -> str:
+    """From which level on who is at the bound."""
+    best = _curves(held)
+    for name in best:
+        meets = [
+            one.case.level
+            for one in held
+            for point in one.points
+            if point.candidate == name and one.bound and point.error.value <= CLOSE * one.bound
+        ]
+        above = [level for level in meets if level is not None]
+        if len(above) > 1:
+            return f"From {min(above):g} dB on, {name} is within {CLOSE - 1.0:.0%} of the bound"
+    return "Nobody is near the bound at more than one level"
 
 
 def _scatter(axes: Axes, frontier: Frontier, result: CaseResult) -> None:
@@ -100,13 +114,13 @@ def _scatter(axes: Axes, frontier: Frontier, result: CaseResult) -> None:
     labels = []
     named = _named(result)
     for point in result.points:
-        x, y = 1e9 * point.batch.median, max(point.error.value, floor)
+        x, y = point.cost.value, max(point.error.value, floor)
         color, marker, size = _look(point)
         low, high = max(point.error.low, 0.2 * y), min(point.error.high, 20.0 * y)
         axes.errorbar(
             x,
             y,
-            xerr=[[x - 1e9 * point.batch.low], [1e9 * point.batch.high - x]],
+            xerr=[[x - point.cost.low], [point.cost.high - x]],
             yerr=[[max(y - low, 0.0)], [max(high - y, 0.0)]],
             color=color,
             marker=marker,
@@ -120,7 +134,7 @@ def _scatter(axes: Axes, frontier: Frontier, result: CaseResult) -> None:
             labels.append((x, y, point.candidate, color))
     front = result.front
     axes.step(
-        [1e9 * point.batch.median for point in front],
+        [point.cost.value for point in front],
         np.minimum.accumulate([max(point.error.value, floor) for point in front]),
         where="post",
         color=BLUE,
@@ -129,7 +143,7 @@ def _scatter(axes: Axes, frontier: Frontier, result: CaseResult) -> None:
         label="front",
     )
     if result.bound:
-        axes.axhline(result.bound, color=BLACK, lw=1.4, label=f"{result.bound_name} bound")
+        axes.axhline(result.bound, color=BLACK, lw=1.4, label=f"{result.case.bound_name} bound")
     for color, marker, name in (
         (BLUE, "o", "jaxradar"),
         (VERMILION, "D", "jaxradar's default"),
@@ -139,9 +153,12 @@ def _scatter(axes: Axes, frontier: Frontier, result: CaseResult) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(0.08, 0.14)
-    axes.set_xlabel(f"time a {frontier.item} in a batch, and 10 to 90 % of the rounds")
+    if frontier.cost_unit == "s":
+        axes.set_xlabel(f"{frontier.cost_name} a {frontier.item} in a batch, and 10 to 90 % of the rounds")
+    else:
+        axes.set_xlabel(f"{frontier.cost_name} ({frontier.cost_unit})")
     axes.set_ylabel(f"{frontier.error_name} ({frontier.unit}), and 95 % interval")
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda ns, _: _time(ns)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda cost, _: _tick(frontier, cost)))
     _plain(axes)
     _label(axes, labels)
     axes.figure.legend(loc="outside lower center", ncols=5)
@@ -154,18 +171,20 @@ def _plain(axes: Axes) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
-def _time(ns: float) -> str:
-    for factor, unit in ((1e9, "s"), (1e6, "ms"), (1e3, "µs")):
-        if ns >= factor:
-            return f"{ns / factor:g} {unit}"
-    return f"{ns:g} ns"
+def _tick(frontier: Frontier, cost: float) -> str:
+    if frontier.cost_unit != "s":
+        return f"{cost:g}"
+    for unit, factor in (("s", 1.0), ("ms", 1e3), ("µs", 1e6)):
+        if cost * factor >= 0.999:
+            return f"{cost * factor:g} {unit}"
+    return f"{1e9 * cost:g} ns"
 
 
 def _named(result: CaseResult) -> set[str]:
     """The default, all others' ways, and of the front whoever is clearly better than the last that was named."""
     names = {point.candidate for point in result.points if point.default or point.peer}
     best = math.inf
-    for point in sorted(result.front, key=lambda one: one.batch.median):
+    for point in sorted(result.front, key=lambda one: one.cost.value):
         if point.error.value < 0.9 * best:
             names.add(point.candidate)
             best = point.error.value
@@ -211,11 +230,10 @@ def _message(frontier: Frontier, result: CaseResult) -> str:
     ours = [point for point in result.points if not point.peer]
     theirs = [point for point in result.points if point.peer]
     if target is None or not any(point.error.value <= target for point in ours):
-        best = min(result.points, key=lambda point: (point.error.value, point.batch.median))
-        return (
-            f"Least error: {best.candidate}, {best.error.value:.3g} {frontier.unit} in {1e9 * best.batch.median:.3g} ns"
-        )
-    meets = min((point for point in ours if point.error.value <= target), key=lambda point: point.batch.median)
-    text = f"Within {CLOSE - 1.0:.0%} of the bound in {time_text(meets.batch.median)} a {frontier.item}"
-    equal = [point.batch.median for point in theirs if point.error.value <= target]
-    return text + (f"; others take {min(equal) / meets.batch.median:.3g} times as long" if equal else "")
+        best = min(result.points, key=lambda point: (point.error.value, point.cost.value))
+        cost = frontier.cost_text(best.cost.value)
+        return f"Least error: {best.candidate}, {best.error.value:.3g} {frontier.unit} in {cost}"
+    meets = min(point.cost.value for point in ours if point.error.value <= target)
+    text = f"Within {CLOSE - 1.0:.0%} of the bound in {frontier.cost_text(meets)} a {frontier.item}"
+    equal = [point.cost.value for point in theirs if point.error.value <= target]
+    return text + (f"; others take {min(equal) / meets:.3g} times as long" if equal else "")

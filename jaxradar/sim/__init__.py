@@ -7,7 +7,7 @@ A scene says what there is: a radar on a mount, a road, a surface, a car in moti
 from jaxradar.sim.explain import Contribution, Difference, Significance, Tolerance, significant
 from jaxradar.sim.files import dump_scene, load_scene, ready_scenes
 from jaxradar.sim.radar import Radar
-from jaxradar.sim.road.drives import drive_seeds, simulate, simulate_batch, simulate_each
+from jaxradar.sim.road.drives import drive_seeds, held_out_seeds, simulate, simulate_batch, simulate_each
 from jaxradar.sim.road.effect import RoadEffect
 from jaxradar.sim.road.effects import (
     EFFECTS,
@@ -101,6 +101,7 @@ __all__ = [
     "WaterFilm",
     "drive_seeds",
     "dump_scene",
+    "held_out_seeds",
     "load_scene",
     "plan_scene",
     "ready_scenes",

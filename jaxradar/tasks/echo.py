@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxradar.estimate.bounds import coloured_bound_m, white_bound_m
-from jaxradar.pareto import Candidate, Case, Score, Task, estimation_score
+from jaxradar.estimate.bounds import coloured_bound_m, threshold_snr_db, total_error_m, white_bound_m
+from jaxradar.pareto import Candidate, Case, Data, Score, Task, estimation_score
 from jaxradar.signal.pulses import SIGMA_PER_FWHM
-from jaxradar.tasks.echo_jax import jax_candidates
+from jaxradar.tasks.echo_jax import Build, jax_candidate, jax_candidates
 from jaxradar.tasks.echo_peers import peer_candidates
 from jaxradar.tasks.noise import draw_recorded, recorded_covariance
 
@@ -27,11 +27,13 @@ BINS = {0.484e-3: 1240, 5.5e-3: 128, 7.0e-3: 128}  # the sensor's own, the thesi
 
 @dataclass(frozen=True, eq=False)
 class EchoInputs:
-    """`sweeps` (sweeps, bins) float32 counts, bin 0 at range 0; the width that the candidates are told, in bins."""
+    """`sweeps` (sweeps, bins) float32 counts, bin 0 at range 0; the width that the candidates are told, in bins; the
+    error in metres from which on it is a gross one, the echo's true width."""
 
     sweeps: np.ndarray
     bin_m: float
     fwhm: float
+    gross_m: float
 
 
 @dataclass(frozen=True)
@@ -82,28 +84,34 @@ class _Kind:
         return coloured_bound_m(slope, covariance * 10.0 ** (-self.snr_db / 10.0), nuisance)
 
     def case(self, sweeps: int, seed: int) -> Case:
-        random = np.random.default_rng([seed, round(self.snr_db), self.recorded, round(1e6 * self.bin_m)])
+        shape, length_m = (self.fwhm_m, self.bin_m), BINS[self.bin_m] * self.bin_m
+        plain = not (self.second or self.recorded or self.told != 1.0)
+        return Case(
+            name=self.name,
+            draw=lambda: self.data(sweeps, seed),
+            about=self.about,
+            conditions={"snr_db": self.snr_db, "bin_m": self.bin_m, "fwhm_m": self.fwhm_m, "window_m": length_m},
+            bound_name="Cramér-Rao",
+            series=self.about,
+            level=self.snr_db,
+            attainable=(lambda snr_db: MILLIMETRES * total_error_m(snr_db, *shape, length_m)) if plain else None,
+            threshold=threshold_snr_db(*shape, length_m) if plain else None,
+        )
+
+    def data(self, sweeps: int, seed: int) -> Data:
+        kind = [round(self.snr_db), self.recorded, round(1e6 * self.bin_m), round(100 * self.told), bool(self.second)]
+        random = np.random.default_rng([seed, *map(int, kind)])
         bins, fwhm_m = BINS[self.bin_m], self.fwhm_m
-        length = bins * self.bin_m
         # Away from the ends: what happens there is another question.
-        truth = random.uniform(2.0 * fwhm_m, length - 3.0 * fwhm_m, sweeps)
+        truth = random.uniform(2.0 * fwhm_m, bins * self.bin_m - 3.0 * fwhm_m, sweeps)
         offset = np.arange(bins) * self.bin_m - truth[:, None]
         clean = _pulse(offset, fwhm_m)[0]
         if self.second:
             clean = clean + self.second * _pulse(offset - fwhm_m, fwhm_m)[0]
         draw = partial(draw_recorded, bin_m=self.bin_m) if self.recorded else np.random.Generator.standard_normal
         values = AMPLITUDE * (clean + 10.0 ** (-self.snr_db / 20.0) * draw(random, clean.shape))
-        return Case(
-            name=self.name,
-            inputs=EchoInputs(values.astype(np.float32), self.bin_m, self.told * fwhm_m / self.bin_m),
-            truth=truth,
-            items=sweeps,
-            about=self.about,
-            setting={"snr_db": self.snr_db, "bin_m": self.bin_m, "fwhm_m": fwhm_m, "window_m": length},
-            bound=MILLIMETRES * self.bound_m(),
-            bound_name="Cramér-Rao",
-            gross=fwhm_m,
-        )
+        inputs = EchoInputs(values.astype(np.float32), self.bin_m, self.told * fwhm_m / self.bin_m, fwhm_m)
+        return Data(inputs, truth, sweeps, MILLIMETRES * self.bound_m())
 
 
 def _pulse(offset_m: np.ndarray, fwhm_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -154,5 +162,9 @@ class EchoRange(Task):
     def candidates(self, quick: bool = False) -> Sequence[Candidate]:
         return [*jax_candidates(quick), *peer_candidates(quick)]
 
-    def score(self, case: Case, answer: Any, items: int) -> Score:
-        return estimation_score(answer, case.truth[:items], MILLIMETRES, case.gross)
+    def candidate(self, name: str, build: Build) -> Candidate:
+        """One's own: `build(fwhm, bin_m)` gives a `PeakEstimator` for a pulse of `fwhm` bins of `bin_m` metres."""
+        return jax_candidate(name, build)
+
+    def score(self, data: Data, answer: Any, items: int) -> Score:
+        return estimation_score(answer, data.truth[:items], MILLIMETRES, data.inputs.gross_m)

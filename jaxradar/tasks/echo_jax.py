@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxradar._numerics import compiled
-from jaxradar.pareto import Candidate, Case, Program
+from jaxradar.pareto import Candidate, Data, Program
 from jaxradar.signal.peaks import ArgMax, MatchedFilter, Parabola, PeakEstimator, SoftArgmax
 from jaxradar.signal.pulse_fit import PulseFit
 from jaxradar.systems.step import DefaultDetector, RangeAxis
@@ -19,7 +19,7 @@ from jaxradar.systems.step import DefaultDetector, RangeAxis
 if TYPE_CHECKING:
     from jaxradar.tasks.echo import EchoInputs
 
-__all__ = ["jax_candidates"]
+__all__ = ["Build", "jax_candidate", "jax_candidates"]
 
 TYPES: dict[str, Any] = {
     "float16": jnp.float16,
@@ -27,6 +27,7 @@ TYPES: dict[str, Any] = {
     "float32": jnp.float32,
     "float64": jnp.float64,
 }
+DEFAULT = "default's fit"
 Build = Callable[[float, float], PeakEstimator]  # from the width in bins that is known, and a bin in metres
 
 
@@ -53,7 +54,7 @@ def _estimators(quick: bool) -> dict[str, Build]:
         "pulse fit, template ×0.5": lambda width, bin_m: PulseFit(
             0.5 * width, _taps(width, 0.5 * 1.5), _taps(width, 0.8)
         ),
-        "default": _default,
+        DEFAULT: _default,
     }
     if not quick:
         held |= {
@@ -75,20 +76,22 @@ def _estimators(quick: bool) -> dict[str, Build]:
 def jax_candidates(quick: bool) -> Sequence[Candidate]:
     """Every estimator in single precision; the arg-max and the fit in the other types, and on every second bin."""
     estimators = _estimators(quick)
-    found = [_candidate(name, build) for name, build in estimators.items()]
+    found = [jax_candidate(name, build) for name, build in estimators.items()]
+    found.append(Candidate("default, all it observes", _prepare_default, {"detector": "default"}))
     fit = "pulse fit"
     for name in (fit,) if quick else ("arg-max", "soft-argmax ±0.5", fit):
-        found += [_candidate(name, estimators[name], dtype) for dtype in TYPES if dtype != "float32"]
+        found += [jax_candidate(name, estimators[name], dtype) for dtype in TYPES if dtype != "float32"]
     for step in (2,) if quick else (2, 4):
-        found.append(_candidate(fit, estimators[fit], thin=step))
+        found.append(jax_candidate(fit, estimators[fit], thin=step))
     return found
 
 
-def _candidate(name: str, build: Build, dtype: str = "float32", thin: int = 1) -> Candidate:
+def jax_candidate(name: str, build: Build, dtype: str = "float32", thin: int = 1) -> Candidate:
+    """An estimator on sweeps of a type of number, every `thin`-th bin of them."""
     extra = [*([dtype] if dtype != "float32" else []), *([f"every {thin}. bin"] if thin > 1 else [])]
     settings: dict[str, float | str] = {"estimator": name, "dtype": dtype, "thin": thin}
     return Candidate(
-        ", ".join([name, *extra]), partial(_prepare, build, dtype, thin), settings, default=name == "default"
+        ", ".join([name, *extra]), partial(_prepare, build, dtype, thin), settings, default=name == DEFAULT
     )
 
 
@@ -104,8 +107,8 @@ def _position(estimator: PeakEstimator, sweep: Any, bin_m: Any) -> Any:
 _batch, _single = compiled(_positions), compiled(_position)
 
 
-def _prepare(build: Build, dtype: str, thin: int, case: Case) -> Program | None:
-    inputs: EchoInputs = case.inputs
+def _prepare(build: Build, dtype: str, thin: int, data: Data) -> Program | None:
+    inputs: EchoInputs = data.inputs
     if thin > 1 and inputs.fwhm / thin < 2.0:
         return None  # there would be too little left of the pulse
     double = dtype == "float64"
@@ -117,6 +120,22 @@ def _prepare(build: Build, dtype: str, thin: int, case: Case) -> Program | None:
 
     def call(program: Callable[..., Any], values: Any) -> Any:
         with jax.enable_x64(double):
-            return jax.block_until_ready(program(estimator, values, bin_m))
+            return program(estimator, values, bin_m)
 
-    return Program(lambda: call(_batch, sweeps), case.items, lambda: call(_single, one))
+    return Program(lambda: call(_batch, sweeps), data.items, lambda: call(_single, one))
+
+
+def _observed(detector: DefaultDetector, axis: RangeAxis, sweep: Any) -> Any:
+    return detector.observe(axis, sweep, jnp.uint16(0)).range_m
+
+
+_observe_all, _observe = compiled(jax.vmap(_observed, in_axes=(None, None, 0))), compiled(_observed)
+
+
+def _prepare_default(data: Data) -> Program:
+    """The default detector's whole look at a sweep: cells, floor, selection, refinement, validity."""
+    inputs: EchoInputs = data.inputs
+    detector, sweeps = DefaultDetector(), jnp.asarray(inputs.sweeps)
+    axis = RangeAxis.of(inputs.bin_m * np.arange(sweeps.shape[1]))
+    one = sweeps[len(sweeps) // 2]
+    return Program(lambda: _observe_all(detector, axis, sweeps), data.items, lambda: _observe(detector, axis, one))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import optimize, signal
 
-from jaxradar.pareto import Candidate, Case, Program
+from jaxradar.pareto import Candidate, Data, Program
 from jaxradar.signal.pulses import SIGMA_PER_FWHM
 
 if TYPE_CHECKING:
@@ -107,18 +107,18 @@ def peer_candidates(quick: bool) -> Sequence[Candidate]:
     return found
 
 
-def _prepare(way: Way, most: int | None, case: Case) -> Program:
-    inputs: EchoInputs = case.inputs
-    count = case.items if most is None else min(most, case.items)
-    sweeps, one = inputs.sweeps[:count], inputs.sweeps[case.items // 2][None]
+def _prepare(way: Way, most: int | None, data: Data) -> Program:
+    inputs: EchoInputs = data.inputs
+    count = data.items if most is None else min(most, data.items)
+    sweeps, one = inputs.sweeps[:count], inputs.sweeps[data.items // 2][None]
     return Program(lambda: inputs.bin_m * way(sweeps, inputs.fwhm), count, lambda: inputs.bin_m * way(one, inputs.fwhm))
 
 
-def _prepare_acconeer(case: Case) -> Program:
+def _prepare_acconeer(data: Data) -> Program:
     """`acconeer-exptool`'s A111 distance detector with its default settings, fixed threshold, no averaging; where it
     finds no peak its answer is the middle of the window. Raises `ImportError` if it cannot be loaded."""
-    inputs: EchoInputs = case.inputs
-    count = min(100, case.items)
+    inputs: EchoInputs = data.inputs
+    count = min(100, data.items)
     bins, first_m = inputs.sweeps.shape[1], 0.2  # it refuses ranges that its sensor does not have
     length_m = inputs.bin_m * (bins - 1)
     a111: Any = importlib.import_module("acconeer.exptool.a111")

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxradar.pareto import Candidate, Case, Figure, Program, Score, Task
-from jaxradar.pareto.figures import CONFIDENCE
+from jaxradar.pareto import Candidate, Case, Data, Estimate, Program, Score, Task
+from jaxradar.pareto.intervals import CONFIDENCE
 from jaxradar.sim import RoadScene, drive_seeds, load_scene, simulate_batch
 
 __all__ = ["ScattererSpacing"]
@@ -42,15 +42,17 @@ class ScattererSpacing(Task):
 
     def _case(self, name: str, roads: int) -> Case:
         scene = dataclasses.replace(load_scene(name), duration_s=1.0, effects=(), vehicle=None)
-        reference = _profiles(dataclasses.replace(scene, spacing_m=FINEST_M), drive_seeds(self.seed + 1, 2 * roads))
         return Case(
             name=name,
-            inputs=(scene, drive_seeds(self.seed, roads)),
-            truth=reference,
-            items=roads * _sweeps(scene),
+            draw=lambda: self._data(scene, roads),
             about=f"{roads} roads of {scene.radar.bins} bins, the car moving",
-            setting={"roads": roads},
+            conditions={"roads": roads},
         )
+
+    def _data(self, scene: RoadScene, roads: int) -> Data:
+        finest = dataclasses.replace(scene, spacing_m=FINEST_M)
+        reference = _profiles(finest, drive_seeds(self.seed + 1, 2 * roads))
+        return Data((scene, drive_seeds(self.seed, roads)), reference, roads * _sweeps(scene))
 
     def candidates(self, quick: bool = False) -> Sequence[Candidate]:
         usual = float(RoadScene().spacing_m)
@@ -61,15 +63,15 @@ class ScattererSpacing(Task):
             for spacing in (SPACINGS_M[1:6:2] if quick else SPACINGS_M)
         ]
 
-    def score(self, case: Case, answer: Any, items: int) -> Score:
+    def score(self, data: Data, answer: Any, items: int) -> Score:
         level, spread = answer
-        true_level, true_spread = case.truth
+        true_level, true_spread = data.truth
         if level.shape[1] != true_level.shape[1]:
             raise ValueError("the profiles have another number of bins than the reference.")
         random = np.random.default_rng(self.seed)
         echo = true_level.mean(axis=0) > ECHO_LEVEL * true_level.mean(axis=0).max()
 
-        def drawn(of: Callable[[np.ndarray, np.ndarray], float]) -> Figure:
+        def drawn(of: Callable[[np.ndarray, np.ndarray], float]) -> Estimate:
             return _drawn(random, of, len(level), len(true_level))
 
         def share(ours: np.ndarray, reference: np.ndarray) -> float:
@@ -92,12 +94,12 @@ def _deviation(level: np.ndarray, true_level: np.ndarray, echo: np.ndarray) -> f
     return 100.0 * float(np.sqrt(max(np.mean((ratio**2 - by_chance / expected**2)[echo]), 0.0)))
 
 
-def _drawn(random: np.random.Generator, of: Callable[..., float], count: int, others: int) -> Figure:
+def _drawn(random: np.random.Generator, of: Callable[..., float], count: int, others: int) -> Estimate:
     """A value with its bootstrap interval, by drawing roads again (Efron, Annals of Statistics 7, 1979)."""
     draws = ((random.integers(count, size=count), random.integers(others, size=others)) for _ in range(REPEATS))
     tail = 50.0 * (1.0 - CONFIDENCE)
     low, high = np.percentile([of(*draw) for draw in draws], (tail, 100.0 - tail))
-    return Figure(of(np.arange(count), np.arange(others)), float(low), float(high))
+    return Estimate(of(np.arange(count), np.arange(others)), float(low), float(high))
 
 
 def _sweeps(scene: RoadScene) -> int:
@@ -113,7 +115,7 @@ def _profiles(scene: RoadScene, seeds: Sequence[int]) -> tuple[np.ndarray, np.nd
     return level, np.stack([one[:, top].std() / level[:, top].mean() for one in sweeps])
 
 
-def _prepare(spacing_m: float, case: Case) -> Program:
-    scene, seeds = case.inputs
+def _prepare(spacing_m: float, data: Data) -> Program:
+    scene, seeds = data.inputs
     spaced = dataclasses.replace(scene, spacing_m=spacing_m)
-    return Program(lambda: _profiles(spaced, seeds), case.items)
+    return Program(lambda: _profiles(spaced, seeds), data.items)

@@ -9,14 +9,13 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 
 from jaxradar._numerics import compiled
 from jaxradar.drive import Drive, RoadStep
 from jaxradar.evaluation import match_steps
-from jaxradar.pareto import Candidate, Case, Figure, Program, Score, Task, mean, percentile, share
-from jaxradar.sim import SURFACES, RoadScene, StepUp, drive_seeds, load_scene, simulate_batch
+from jaxradar.pareto import Candidate, Case, Data, Program, Score, Task, percentile, proportion, rate
+from jaxradar.sim import SURFACES, RoadScene, StepUp, drive_seeds, held_out_seeds, load_scene, simulate_batch
 from jaxradar.systems.step import (
     DefaultDetector,
     LabLiveDetector,
@@ -29,12 +28,9 @@ from jaxradar.systems.step import (
     time_steps,
 )
 
-__all__ = ["HELD_OUT", "StepDetection", "StepDrives"]
+__all__ = ["StepDetection", "StepDrives", "StepInputs"]
 
-SPEEDS_KMH = (10.0, 20.0, 30.0, 40.0)
-HEIGHTS_M = (0.02, 0.04, 0.06)
 AFTER_S = 0.75  # until the sensor's line of sight meets the step
-HELD_OUT = 1_000_003  # the seed that held-out drives come of; nothing may be tuned on these
 FACTORS = tuple(2.0 ** (0.5 * step) for step in range(-4, 21))  # of a detector's own threshold
 KMH = 3.6
 
@@ -51,9 +47,10 @@ class StepDrives(NamedTuple):
     allowed_s: np.ndarray  # the lead that geometry allows, NaN without a step
 
     @property
-    def duration_s(self) -> float:
+    def durations_s(self) -> np.ndarray:
+        """(drives,) seconds from the first to the last sweep."""
         last = np.maximum(self.lengths - 1, 0)
-        return float(np.take_along_axis(self.times_s, last[:, None], axis=1).sum())
+        return np.take_along_axis(self.times_s, last[:, None], axis=1)[:, 0]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -101,41 +98,51 @@ class StepDetection(Task):
     error_name = "missed"
     unit = "%"
 
-    def __init__(self, drives: int | None = None, false_alarms_per_s: float = 0.2, seed: int = 0) -> None:
-        """`drives`: of each speed and height, and as many times three without a step of each speed."""
+    def __init__(
+        self,
+        drives: int | None = None,
+        false_alarms_per_s: float = 0.2,
+        seed: int = 0,
+        surfaces: Sequence[str] = tuple(SURFACES),
+        speeds_kmh: Sequence[float] = (10.0, 20.0, 30.0, 40.0),
+        heights_m: Sequence[float] = (0.02, 0.04, 0.06),
+    ) -> None:
+        """`drives`: of each speed and height, and three times as many without a step of each speed; 20, or 12 if quick.
+        Raises `ValueError` for a rate that is not above 0."""
         if not false_alarms_per_s > 0:
             raise ValueError(f"`StepDetection(false_alarms_per_s=...)` must be > 0; got {false_alarms_per_s}.")
         self.drives, self.false_alarms_per_s, self.seed = drives, false_alarms_per_s, seed
+        self.surfaces, self.speeds_kmh, self.heights_m = tuple(surfaces), tuple(speeds_kmh), tuple(heights_m)
 
     def cases(self, quick: bool = False) -> Sequence[Case]:
-        names = ("asphalt",) if quick else tuple(SURFACES)
-        speeds, heights = ((20.0, 30.0), (0.04,)) if quick else (SPEEDS_KMH, HEIGHTS_M)
-        return [self._case(name, speeds, heights, self.drives or (12 if quick else 20)) for name in names]
+        """One surface each; if `quick` the first, at two speeds and one height."""
+        if quick:
+            return [self._case(self.surfaces[0], self.speeds_kmh[1:3], self.heights_m[1:2], self.drives or 12)]
+        return [self._case(name, self.speeds_kmh, self.heights_m, self.drives or 20) for name in self.surfaces]
 
     def _case(self, surface: str, speeds: Sequence[float], heights: Sequence[float], count: int) -> Case:
-        base = dataclasses.replace(
-            load_scene("trial-averaged"), surface=SURFACES[surface], vehicle=None, duration_s=1.1
-        )
-        base = dataclasses.replace(base, effects=tuple(one for one in base.effects if one.name != "accelerometer"))
-        over = [_over(base, speed, height) for speed in speeds for height in heights for _ in range(count)]
-        quiet = [_over(base, speed, 0.0) for speed in speeds for _ in range(3 * count)]
-        held = _drives([*over, *quiet], drive_seeds(HELD_OUT + self.seed, len(over) + len(quiet)))
-        tuning = _drives(quiet, drive_seeds(self.seed, len(quiet)))
-        axis = RangeAxis.of(held[0].sensors[0].range_m)
-        allowed = [*(_allowed_s(scene) for scene in over), *([math.nan] * len(quiet))]
-        inputs = StepInputs(axis, _batch(tuning, [math.nan] * len(quiet)), _batch(held, allowed))
         return Case(
             name=surface,
-            inputs=inputs,
-            truth=inputs.drives.steps,
-            items=int(inputs.drives.lengths.sum()),
+            draw=lambda: self._data(surface, speeds, heights, count),
             about=(
-                f"{len(over)} steps up of {' to '.join(f'{1e3 * one:g}' for one in _ends(heights))} mm on {surface} at "
-                f"{' to '.join(f'{one:g}' for one in _ends(speeds))} km/h, at most {self.false_alarms_per_s:g} "
-                f"false alarms/s"
+                f"{len(speeds) * len(heights) * count} steps up of {_span(heights, 1e3)} mm on {surface} at "
+                f"{_span(speeds)} km/h, at most {self.false_alarms_per_s:g} false alarms/s"
             ),
-            setting={"false_alarms_per_s": self.false_alarms_per_s},
+            conditions={"false_alarms_per_s": self.false_alarms_per_s},
         )
+
+    def _data(self, surface: str, speeds: Sequence[float], heights: Sequence[float], count: int) -> Data:
+        base = load_scene("trial-averaged")
+        effects = tuple(one for one in base.effects if one.name != "accelerometer")
+        base = dataclasses.replace(base, surface=SURFACES[surface], vehicle=None, duration_s=1.1, effects=effects)
+        over = [_over(base, speed, height) for speed in speeds for height in heights for _ in range(count)]
+        quiet = [_over(base, speed, 0.0) for speed in speeds for _ in range(3 * count)]
+        held = simulate_batch([*over, *quiet], held_out_seeds(self.seed, len(over) + len(quiet)))
+        tuning = simulate_batch(quiet, drive_seeds(self.seed, len(quiet)))
+        nothing = [math.nan] * len(quiet)
+        drives = _batch(held, [*map(_allowed_s, over), *nothing])
+        inputs = StepInputs(RangeAxis.of(held[0].sensors[0].range_m), _batch(tuning, nothing), drives)
+        return Data(inputs, drives.steps, int(drives.lengths.sum()))
 
     def candidates(self, quick: bool = False) -> Sequence[Candidate]:
         held: dict[str, StepDetector[Any, Any]] = {
@@ -152,56 +159,57 @@ class StepDetection(Task):
                 "default, cells of 10 mm": DefaultDetector(cell_m=0.01),
                 "default, cells of 40 mm": DefaultDetector(cell_m=0.04),
             }
-        return [
-            Candidate(name, partial(self._prepare, one), {"detector": one.name}, default=name == "default")
-            for name, one in held.items()
-        ]
+        return [self.candidate(name, one) for name, one in held.items()]
 
-    def _prepare(self, detector: StepDetector[Any, Any], case: Case) -> Program:
-        inputs: StepInputs = case.inputs
+    def candidate(self, name: str, detector: StepDetector[Any, Any]) -> Candidate:
+        """A detector, one's own for instance; its threshold is tuned, the rest is as it is."""
+        settings: dict[str, float | str] = {"detector": detector.name}
+        return Candidate(name, partial(self._prepare, detector), settings, default=name == "default")
+
+    def _prepare(self, detector: StepDetector[Any, Any], data: Data) -> Program:
+        inputs: StepInputs = data.inputs
         tuned = self._tuned(detector, inputs)
         return Program(
-            lambda: _events(tuned, inputs.axis, inputs.drives), case.items, _single(tuned, inputs.axis, inputs.drives)
+            lambda: _events(tuned, inputs.axis, inputs.drives), data.items, _single(tuned, inputs.axis, inputs.drives)
         )
 
     def _tuned(self, detector: StepDetector[Any, Any], inputs: StepInputs) -> StepDetector[Any, Any]:
-        most = self.false_alarms_per_s * inputs.tuning.duration_s
+        most = self.false_alarms_per_s * float(inputs.tuning.durations_s.sum())
+
+        def tuned(place: int) -> StepDetector[Any, Any]:
+            return detector.with_threshold(FACTORS[place] * float(detector.threshold))
 
         def quiet(place: int) -> bool:
-            tuned = with_threshold(detector, FACTORS[place])
-            return sum(map(len, _events(tuned, inputs.axis, inputs.tuning))) <= most
+            return sum(map(len, _events(tuned(place), inputs.axis, inputs.tuning))) <= most
 
         # The higher the threshold, the fewer.
         place = bisect.bisect_left(range(len(FACTORS)), True, key=quiet)
         if place == len(FACTORS):
             raise ValueError(f"not even {FACTORS[-1]:g} times its threshold keeps false alarms that rare.")
-        return with_threshold(detector, FACTORS[place])
+        return tuned(place)
 
-    def score(self, case: Case, answer: Any, items: int) -> Score:
-        inputs: StepInputs = case.inputs
-        missed = steps = 0
+    def score(self, data: Data, answer: Any, items: int) -> Score:
+        drives: StepDrives = data.inputs.drives
+        missed = steps = false = 0
         leads: list[float] = []
         delays: list[float] = []
-        false: list[float] = []
         for place, times in enumerate(answer):
-            found = match_steps(times, inputs.drives.steps[place])
-            if found.steps:
-                steps += len(found.steps)
-                missed += found.misses
-                leads += found.lead_s
-                delays += [float(inputs.drives.allowed_s[place]) - lead for lead in found.lead_s]
-            else:
-                false.append(float(found.false_alarms))
-        each_s = inputs.drives.duration_s / len(answer)
-        details: dict[str, Figure] = {"false alarms/s": mean(np.array(false)).scaled(1.0 / each_s)}
+            found = match_steps(times, drives.steps[place])
+            steps, missed = steps + len(found.steps), missed + found.misses
+            leads += found.lead_s
+            delays += [float(drives.allowed_s[place]) - lead for lead in found.lead_s]
+            false += 0 if found.steps else found.false_alarms
+        quiet_s = sum(time for time, its in zip(drives.durations_s, drives.steps, strict=True) if not its)
+        details = {"false alarms/s": rate(false, float(quiet_s))}
         if leads:
             details["lead ms"] = percentile(np.array(leads), 50.0).scaled(1e3)
             details["delay ms"] = percentile(np.array(delays), 50.0).scaled(1e3)
-        return Score(share(missed, steps).scaled(100.0), details)
+        return Score(proportion(missed, steps).scaled(100.0), details)
 
 
-def _ends(values: Sequence[float]) -> Sequence[float]:
-    return values if len(values) < 2 else (min(values), max(values))
+def _span(values: Sequence[float], factor: float = 1.0) -> str:
+    ends = sorted({factor * min(values), factor * max(values)})
+    return " to ".join(f"{one:g}" for one in ends)
 
 
 def _over(base: RoadScene, speed_kmh: float, height_m: float) -> RoadScene:
@@ -217,20 +225,6 @@ def _allowed_s(scene: RoadScene) -> float:
     mount = scene.mount
     ahead = float(mount.front_wheel_m) + float(mount.height_m) / math.tan(math.radians(float(mount.angle_deg)))
     return ahead / float(scene.motion.speed_m_s)
-
-
-def _drives(scenes: Sequence[RoadScene], seeds: Sequence[int]) -> list[Drive]:
-    return simulate_batch(scenes, seeds)
-
-
-def with_threshold(detector: StepDetector[Any, Any], factor: float) -> StepDetector[Any, Any]:
-    """The detector with its threshold, and the hysteresis that hangs on it, times `factor`, within their bounds."""
-    changed = {}
-    for one in dataclasses.fields(detector):
-        value = getattr(detector, one.name)
-        if value is detector.threshold or one.name == "release":
-            changed[one.name] = min(factor * float(value), one.metadata["high"])
-    return dataclasses.replace(detector, **changed)
 
 
 def _events(detector: StepDetector[Any, Any], axis: RangeAxis, drives: StepDrives) -> list[np.ndarray]:
@@ -252,8 +246,6 @@ def _single(detector: StepDetector[Any, Any], axis: RangeAxis, drives: StepDrive
 
     def call() -> Any:
         with precision(detector):
-            return jax.block_until_ready(
-                program(detector, state, drives.sweeps[0, 0], drives.flags[0, 0], drives.dt[0, 1])
-            )
+            return program(detector, state, drives.sweeps[0, 0], drives.flags[0, 0], drives.dt[0, 1])
 
     return call

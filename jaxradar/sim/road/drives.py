@@ -23,9 +23,10 @@ from jaxradar.sim.road.scene import RoadScene
 from jaxradar.sim.road.tyre import contact_m
 from jaxradar.sim.road.vehicle import QuarterCar
 
-__all__ = ["HARD_M_S2", "drive_seeds", "simulate", "simulate_batch", "simulate_each"]
+__all__ = ["HARD_M_S2", "drive_seeds", "held_out_seeds", "simulate", "simulate_batch", "simulate_each"]
 
 HARD_M_S2 = 15.0  # what the thesis calls a step that matters (section 6.2)
+HELD_OUT = 0x7E57  # what sets their seeds apart from all others
 THREADS = min(8, os.cpu_count() or 1)  # at once: what one render leaves idle of the processor, another one uses
 
 _one = compiled(lambda plan, scene, key: render(plan, scene, key), static_argnums=0)
@@ -34,6 +35,12 @@ _one = compiled(lambda plan, scene, key: render(plan, scene, key), static_argnum
 def drive_seeds(seed: int, count: int) -> list[int]:
     """`count` seeds that come of one, so that the drives of two seeds have nothing in common."""
     return [int(np.random.SeedSequence([seed, place]).generate_state(1)[0]) for place in range(count)]
+
+
+def held_out_seeds(seed: int, count: int) -> list[int]:
+    """As `drive_seeds`, but of drives that nothing may be tuned on: what is measured on them is news to every
+    detector."""
+    return [int(np.random.SeedSequence([seed, place, HELD_OUT]).generate_state(1)[0]) for place in range(count)]
 
 
 def simulate(scene: RoadScene, seed: int = 0) -> Drive:

@@ -140,6 +140,10 @@ class StepDetector(Settings, Generic[Observed, State]):
         """What the statistic is compared with."""
 
     @abc.abstractmethod
+    def with_threshold(self, value: float) -> StepDetector[Observed, State]:
+        """The same detector with another threshold, or the nearest that it can have, and what hangs on it."""
+
+    @abc.abstractmethod
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> Observed:
         """Look at one sweep: (bins,) counts and its `SweepFlag`s. Pure; vmapped over sweeps and logs."""
 

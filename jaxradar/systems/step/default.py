@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, UInt
 
 from jaxradar._numerics import finite, first_argmax, largest, value_at
-from jaxradar._settings import setting, shape_setting
+from jaxradar._settings import bounded, setting, shape_setting
 from jaxradar._types import Counts, Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
 from jaxradar.drive import FULL_SCALE
 from jaxradar.signal.cells import strongest_cell
@@ -52,6 +52,9 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     width along range, look like weak echoes to both: there noise may pass as valid. Where the echo is strong, an
     `over_floor` of 1 or more keeps such noise out.
 
+    The range is refined by the `PulseFit` that `jaxradar frontier range --case "recorded 40 dB"` shows as the default:
+    in noise as recorded, which is as smooth as the echo, a template of a third of its width is near the bound.
+
     The profile is then compared with a running mean of the profiles of the last `window_s`. Let u₀ be the share of
     its norm that the reference, freely scaled, leaves unexplained, and u₁ the same after the best shift: the statistic
     is u₀ − u₁. A fade leaves both at 0; two fixed patches that take turns as the maximum raise both; an echo that moves
@@ -86,6 +89,9 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
     @property
     def threshold(self) -> Setting:
         return self.evidence
+
+    def with_threshold(self, value: float) -> DefaultDetector:
+        return bounded(self, evidence=value, release=float(self.release) * value / float(self.evidence))
 
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> ProfileObservation:
         selected = self.select(axis, self.averaged(axis, finite(sweep)))

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from jaxradar._numerics import finite, first_argmax
-from jaxradar._settings import setting, shape_setting
+from jaxradar._settings import bounded, setting, shape_setting
 from jaxradar._types import Flag, Flags, RawSweep, Scalar, Setting, Sweep
 from jaxradar.drive import FULL_SCALE
 from jaxradar.systems.step.config import (
@@ -61,6 +61,9 @@ class LabLiveDetector(StepDetector[SweepPeak, LabLiveState]):
     @property
     def threshold(self) -> Setting:
         return 1.0 / self.nearest_m
+
+    def with_threshold(self, value: float) -> LabLiveDetector:
+        return bounded(self, nearest_m=1.0 / value)
 
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> SweepPeak:
         amplitudes = finite(sweep)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, UInt
 
 from jaxradar._numerics import finite, largest, nonnegative, packed_largest, reductions, row_major
-from jaxradar._settings import choice_setting, setting, shape_setting
+from jaxradar._settings import bounded, choice_setting, setting, shape_setting
 from jaxradar._types import Flag, Flags, Index, RawSweep, Scalar, Setting, Sweep
 from jaxradar.signal.peaks import MatchedFilter, Parabola, Peak, window_at
 from jaxradar.signal.soft import soft_position
@@ -55,6 +55,9 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
     @property
     def threshold(self) -> Setting:
         return self.threshold_m_s
+
+    def with_threshold(self, value: float) -> RangeRateBase:
+        return bounded(self, threshold_m_s=value)
 
     @classmethod
     def from_false_alarm_rate(

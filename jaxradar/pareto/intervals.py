@@ -1,4 +1,4 @@
-"""A figure and how well it is known: errors against the truth, shares, and their 95 % confidence intervals."""
+"""A value and how well it is known: errors against the truth, shares, and their 95 % confidence intervals."""
 
 from __future__ import annotations
 
@@ -8,55 +8,63 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-__all__ = ["Figure", "mean", "percentile", "rms", "share"]
+__all__ = ["Estimate", "mean", "percentile", "proportion", "rate", "rms"]
 
 CONFIDENCE = 0.95
 _SIGMAS = float(stats.norm.ppf(0.5 + 0.5 * CONFIDENCE))
 
 
 @dataclass(frozen=True)
-class Figure:
+class Estimate:
     """A value and the ends of its 95 % confidence interval."""
 
     value: float
     low: float
     high: float
 
-    def scaled(self, factor: float) -> Figure:
+    def scaled(self, factor: float) -> Estimate:
         """In another unit; `factor` above 0."""
-        return Figure(self.value * factor, self.low * factor, self.high * factor)
+        return Estimate(self.value * factor, self.low * factor, self.high * factor)
 
-    def below(self, other: Figure) -> bool:
+    def below(self, other: Estimate) -> bool:
         """Whether it is smaller beyond the error bars of both."""
         return self.high < other.low
 
 
-def mean(values: np.ndarray) -> Figure:
+def mean(values: np.ndarray) -> Estimate:
     """Of independent values, by the central limit theorem; without an end where there are fewer than two."""
     middle = float(np.mean(values))
     if len(values) < 2:
-        return Figure(middle, -math.inf, math.inf)
+        return Estimate(middle, -math.inf, math.inf)
     half = _SIGMAS * float(np.std(values, ddof=1)) / math.sqrt(len(values))
-    return Figure(middle, middle - half, middle + half)
+    return Estimate(middle, middle - half, middle + half)
 
 
-def rms(errors: np.ndarray) -> Figure:
+def rms(errors: np.ndarray) -> Estimate:
     """Root of the mean square: the interval is that of the mean square, so that rare large errors widen it."""
     square = mean(np.square(errors))
-    return Figure(*(math.sqrt(max(one, 0.0)) for one in (square.value, square.low, square.high)))
+    return Estimate(*(math.sqrt(max(one, 0.0)) for one in (square.value, square.low, square.high)))
 
 
-def share(count: int, total: int) -> Figure:
+def proportion(count: int, total: int) -> Estimate:
     """A share of independent trials, with Clopper and Pearson's interval (Biometrika 26, 1934)."""
     if not 0 <= count <= total or total < 1:
-        raise ValueError(f"`share` takes a count of 0 to `total` trials; got {count} of {total}.")
+        raise ValueError(f"`proportion` takes a count of 0 to `total` trials; got {count} of {total}.")
     tail = 0.5 * (1.0 - CONFIDENCE)
     low = float(stats.beta.ppf(tail, count, total - count + 1)) if count else 0.0
     high = float(stats.beta.ppf(1.0 - tail, count + 1, total - count)) if count < total else 1.0
-    return Figure(count / total, low, high)
+    return Estimate(count / total, low, high)
 
 
-def percentile(values: np.ndarray, percent: float) -> Figure:
+def rate(count: int, time: float) -> Estimate:
+    """Events that come independently, per unit of `time`, with Garwood's interval (Biometrika 28, 1936)."""
+    tail = 0.5 * (1.0 - CONFIDENCE)
+    low = 0.5 * float(stats.chi2.ppf(tail, 2 * count)) if count else 0.0
+    high = 0.5 * float(stats.chi2.ppf(1.0 - tail, 2 * count + 2))
+    return Estimate(count / time, low / time, high / time)
+
+
+def percentile(values: np.ndarray, percent: float) -> Estimate:
     """Of independent values; the interval lies between two of them, whose ranks are binomial (David and Nagaraja,
     Order Statistics, section 7.1), or has no end where no rank is far enough."""
     ordered = np.sort(values)
@@ -64,4 +72,4 @@ def percentile(values: np.ndarray, percent: float) -> Figure:
     ranks = stats.binom.ppf((tail, 1.0 - tail), len(ordered), percent / 100.0)
     low = float(ordered[int(ranks[0]) - 1]) if ranks[0] >= 1 else -math.inf
     high = float(ordered[int(ranks[1])]) if ranks[1] < len(ordered) else math.inf
-    return Figure(float(np.percentile(ordered, percent)), low, high)
+    return Estimate(float(np.percentile(ordered, percent)), low, high)
