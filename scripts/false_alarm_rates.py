@@ -57,7 +57,8 @@ def print_thesis_rule() -> None:
         for rate in RATES_HZ:
             step = THESIS_M_S / rate
             bins = int(step / BIN_M) + 1
-            exceed, begin = theory.difference_false_alarms(step, sd, rate), theory.difference_onsets(step, sd, rate)
+            exceed = theory.difference_false_alarms_per_hour(step, sd, rate)
+            begin = theory.difference_onsets_per_hour(step, sd, rate)
             print(
                 f"{1e3 * sd:8.4f}{rate:5.0f}{1e3 * step:12.2f}{exceed:12.3g}{begin:12.3g}"
                 f"{rate * theory.difference_threshold(1.0, sd, rate):10.3f}"

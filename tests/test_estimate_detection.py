@@ -57,16 +57,15 @@ def test_exceedances_and_onsets_of_a_difference(lag: int, threshold: float, colo
     pieces = sd * noise(1, 150_000, lag + 2, colour)
     now, before = np.abs(pieces[:, -1] - pieces[:, 1]), np.abs(pieces[:, -2] - pieces[:, 0])
     correlation = 0.0 if colour is None else colour[lag]
-    assert agrees(now > threshold, theory.difference_false_alarms(threshold, sd, 100.0, correlation) / 360_000)
+    assert agrees(now > threshold, theory.difference_false_alarms_per_hour(threshold, sd, 100.0, correlation) / 360_000)
     begins = (now > threshold) & (before <= threshold)
-    assert agrees(begins, theory.difference_onsets(threshold, sd, 100.0, lag, colour) / 360_000)
+    assert agrees(begins, theory.difference_onsets_per_hour(threshold, sd, 100.0, lag, colour) / 360_000)
 
 
 def test_one_sample_far_out_makes_two_differences_that_exceed() -> None:
     """Fewer alarms begin than samples exceed, by a third at a low threshold and by ever less at a high one."""
-    ratios = [
-        theory.difference_onsets(t, 1.0, 1.0) / theory.difference_false_alarms(t, 1.0, 1.0) for t in (2.0, 4.0, 7.0)
-    ]
+    begin, exceed = theory.difference_onsets_per_hour, theory.difference_false_alarms_per_hour
+    ratios = [begin(t, 1.0, 1.0) / exceed(t, 1.0, 1.0) for t in (2.0, 4.0, 7.0)]
     assert ratios == sorted(ratios)
     assert ratios[0] == pytest.approx(0.703, abs=1e-3)
     assert ratios[-1] == pytest.approx(0.99, abs=0.01)
@@ -76,10 +75,18 @@ def test_one_sample_far_out_makes_two_differences_that_exceed() -> None:
 @given(PER_HOUR, RATE, st.floats(-0.9, 0.9), st.integers(1, 5))
 def test_thresholds_of_a_difference_are_inverses(per_hour: float, rate: float, correlation: float, lag: int) -> None:
     threshold = theory.difference_threshold(per_hour, 0.4e-3, rate, correlation)
-    assert theory.difference_false_alarms(threshold, 0.4e-3, rate, correlation) == pytest.approx(per_hour, rel=1e-9)
+    found = theory.difference_false_alarms_per_hour(threshold, 0.4e-3, rate, correlation)
+    assert found == pytest.approx(per_hour, rel=1e-9)
     colour = np.abs(correlation) ** np.arange(9.0)
     threshold = theory.difference_onset_threshold(per_hour, 0.4e-3, rate, lag, colour)
-    assert theory.difference_onsets(threshold, 0.4e-3, rate, lag, colour) == pytest.approx(per_hour, rel=1e-6)
+    found = theory.difference_onsets_per_hour(threshold, 0.4e-3, rate, lag, colour)
+    assert found == pytest.approx(per_hour, rel=1e-6)
+
+
+def test_thresholds_of_a_difference_reach_the_rarest_alarms() -> None:
+    for per_hour in (1e-12, 1e-100):
+        threshold = theory.difference_onset_threshold(per_hour, 1.0, 100.0)
+        assert theory.difference_onsets_per_hour(threshold, 1.0, 100.0) == pytest.approx(per_hour, rel=1e-6)
 
 
 def test_the_requirements_table_comes_out() -> None:
@@ -117,15 +124,18 @@ def test_mean_run_of_a_cusum(threshold: float, reference: float, drift: float) -
         level = level[level <= threshold]
     error = 2.6 * np.std(lengths) / math.sqrt(walks)
     assert abs(np.mean(lengths) / expected - 1) + error / expected < 0.08
-    assert theory.cusum_false_alarms(threshold, reference, 1.0) == pytest.approx(
-        3600 / theory.cusum_run_length(threshold, reference)
-    )
+    alarms = theory.cusum_false_alarms_per_hour(threshold, 100.0, reference)
+    assert alarms == pytest.approx(360_000 / theory.cusum_run_length(threshold, reference))
 
 
-def test_cusum_threshold_is_the_inverse() -> None:
-    for samples in (100.0, 1e5, 3.6e6):
-        threshold = theory.cusum_threshold(samples, 0.5)
-        assert theory.cusum_run_length(threshold, 0.5) == pytest.approx(samples, rel=1e-6)
+@inverse
+@given(PER_HOUR, RATE, st.floats(0.0, 2.0))
+def test_cusum_threshold_is_the_inverse(per_hour: float, rate: float, reference: float) -> None:
+    threshold = theory.cusum_threshold(per_hour, rate, reference)
+    assert theory.cusum_false_alarms_per_hour(threshold, rate, reference) == pytest.approx(per_hour, rel=1e-6)
+
+
+def test_runs_of_a_cusum_without_drift_and_without_end() -> None:
     assert theory.cusum_run_length(5.0, 0.5, 0.5) == pytest.approx((5.0 + theory.CUSUM_OVERSHOOT) ** 2)
     assert theory.cusum_run_length(1000.0, 0.5) == math.inf
 
@@ -135,7 +145,7 @@ def test_alarms_of_a_moving_sum(window: int, threshold: float) -> None:
     sums = np.cumsum(noise(5, 100, 20_000 + window, WHITE), axis=1)
     scaled = (sums[:, window:] - sums[:, :-window]) / math.sqrt(window)
     begun, exposed = clumps(scaled, threshold, window)
-    assert within(begun, theory.moving_sum_false_alarms(threshold, window) * exposed, 0.25)
+    assert within(begun, theory.moving_sum_false_alarms_per_hour(threshold, 100.0, window) / 360_000 * exposed, 0.25)
 
 
 @pytest.mark.parametrize("colour", [WHITE, COLOURED], ids=["white", "coloured"])
@@ -144,7 +154,8 @@ def test_a_moving_sum_rises_above_its_threshold(window: int, threshold: float, c
     pieces = noise(6, 100_000, window + 1, colour)
     before, now = (pieces[:, part].sum(axis=1) / math.sqrt(window) for part in (slice(0, -1), slice(1, None)))
     high = threshold * theory.moving_sum_sd(window, colour)
-    assert agrees((now > high) & (before <= high), theory.moving_sum_onsets(high, window, colour))
+    begins = (now > high) & (before <= high)
+    assert agrees(begins, theory.moving_sum_onsets_per_hour(high, 100.0, window, colour) / 360_000)
 
 
 @pytest.mark.parametrize("colour", [WHITE, COLOURED], ids=["white", "coloured"])
@@ -165,18 +176,19 @@ def test_a_step_before_its_deadline(window: int, deadline: int, colour: np.ndarr
 def test_window_limited_tests_have_inverses(
     per_hour: float, rate: float, window: int, probability: float, deadline: int
 ) -> None:
-    samples = 3600 * rate
     threshold = theory.moving_sum_threshold(per_hour, rate, window)
-    assert theory.moving_sum_false_alarms(threshold, window) * samples == pytest.approx(per_hour, rel=1e-6)
+    alarms = theory.moving_sum_false_alarms_per_hour(threshold, rate, window)
+    assert alarms == pytest.approx(per_hour, rel=1e-6)
     step = theory.moving_sum_least_step(per_hour, rate, window, probability, deadline)
     assert theory.moving_sum_detection(threshold, window, step, deadline) == pytest.approx(probability, rel=1e-9)
     coloured = theory.moving_sum_onset_threshold(per_hour, rate, window, COLOURED)
-    assert theory.moving_sum_onsets(coloured, window, COLOURED) * samples == pytest.approx(per_hour, rel=1e-6)
+    onsets = theory.moving_sum_onsets_per_hour(coloured, rate, window, COLOURED)
+    assert onsets == pytest.approx(per_hour, rel=1e-6)
     step = theory.moving_sum_least_step(per_hour, rate, window, probability, None, COLOURED)
     found = theory.moving_sum_detection(coloured, window, step, None, COLOURED)
     assert found == pytest.approx(probability, rel=1e-9)
     likely = theory.glr_threshold(per_hour, rate, window)
-    assert theory.glr_false_alarms(likely, window) * samples == pytest.approx(per_hour, rel=1e-6)
+    assert theory.glr_false_alarms_per_hour(likely, rate, window) == pytest.approx(per_hour, rel=1e-6)
     step = theory.glr_least_step(per_hour, rate, window, probability, deadline)
     assert theory.glr_detection(likely, window, step, deadline) == pytest.approx(probability, rel=1e-9)
 
@@ -199,7 +211,7 @@ def test_alarms_of_a_glr(window: int, threshold: float) -> None:
         [np.abs(sums[:, window:] - sums[:, window - k : -k]) / math.sqrt(k) for k in range(1, window + 1)], axis=0
     )
     begun, exposed = clumps(statistic, threshold, window)
-    assert within(begun, theory.glr_false_alarms(threshold, window) * exposed, 0.3)
+    assert within(begun, theory.glr_false_alarms_per_hour(threshold, 100.0, window) / 360_000 * exposed, 0.3)
 
 
 @pytest.mark.parametrize(("window", "deadline"), [(8, 8), (8, 3)])
@@ -219,14 +231,22 @@ def test_a_glr_finds_at_least_as_many_steps_as_promised(window: int, deadline: i
     [
         (lambda: theory.difference_threshold(0.0, 1.0, 100.0), "`per_hour` must be above 0"),
         (lambda: theory.difference_threshold(1.0, 1.0, 0.0), "`rate_hz` must be above 0"),
-        (lambda: theory.difference_threshold(1.0, -1.0, 100.0), "`sd` must be 0 or above"),
-        (lambda: theory.difference_false_alarms(1.0, 1.0, 1.0, 1.5), "`correlation` must be between -1 and 1"),
-        (lambda: theory.difference_onsets(1.0, 1.0, 1.0, 1, np.array([0.5])), "`autocorrelation` must begin with 1"),
-        (lambda: theory.difference_onsets(1.0, 1.0, 1.0, 0), "`lag` must be 1 or more"),
+        (lambda: theory.difference_threshold(1.0, 0.0, 100.0), "`sd` must be above 0"),
+        (lambda: theory.difference_threshold(1.0, 1.0, 100.0, 1.0), "`correlation` must be below 1"),
+        (lambda: theory.difference_false_alarms_per_hour(1.0, -1.0, 1.0), "`sd` must be 0 or above"),
+        (lambda: theory.difference_false_alarms_per_hour(1.0, 1.0, 0.0), "`rate_hz` must be above 0"),
+        (lambda: theory.difference_false_alarms_per_hour(1.0, 1.0, 1.0, 1.5), "`correlation` must be between -1 and 1"),
+        (
+            lambda: theory.difference_onsets_per_hour(1.0, 1.0, 1.0, 1, np.array([0.5])),
+            "`autocorrelation` must begin with 1",
+        ),
+        (lambda: theory.difference_onsets_per_hour(1.0, 1.0, 1.0, 0), "`lag` must be 1 or more"),
         (lambda: theory.difference_onset_threshold(1e5, 1.0, 100.0), "`per_hour` must be above 0 and below 36000"),
-        (lambda: theory.cusum_threshold(1.0, 0.5), "`samples` must be at least"),
+        (lambda: theory.cusum_threshold(2e5, 100.0, 0.5), "`per_hour` must be above 0 and below 172"),
+        (lambda: theory.cusum_threshold(0.0, 100.0, 0.5), "`per_hour` must be above 0 and below"),
+        (lambda: theory.cusum_threshold(1.0, 0.0, 0.5), "`rate_hz` must be above 0"),
         (lambda: theory.moving_sum_threshold(1e9, 100.0, 8), "`per_hour` must be above 0 and below"),
-        (lambda: theory.moving_sum_false_alarms(3.0, 0), "`window` must be 1 or more"),
+        (lambda: theory.moving_sum_false_alarms_per_hour(3.0, 100.0, 0), "`window` must be 1 or more"),
         (lambda: theory.moving_sum_least_step(1.0, 100.0, 4, 1.0), "`probability` must be above 0 and below 1"),
         (lambda: theory.moving_sum_least_window(1.0, 100.0, 1e-3), "`step` needs a window of more than 4096"),
         (lambda: theory.glr_threshold(1e9, 100.0, 8), "`per_hour` must be above 0 and below"),

@@ -45,7 +45,7 @@ def test_the_rate_of_false_alarms_follows_from_a_record() -> None:
     for lag in (1, 2):
         threshold = 2.6 * model.sd * math.sqrt(2 * (1 - rho[lag]))
         counted = np.mean(np.abs(record[half + lag :] - record[half:-lag]) > threshold)
-        predicted = theory.difference_false_alarms(threshold, model.sd, 1.0, rho[lag]) / 3600
+        predicted = theory.difference_false_alarms_per_hour(threshold, model.sd, 1.0, rho[lag]) / 3600
         assert predicted == pytest.approx(counted, rel=0.12)
     alarms = np.mean(np.abs(model.whitened(record[half:])) > 2.6 * model.innovation_sd)
     assert alarms == pytest.approx(math.erfc(2.6 / math.sqrt(2)), rel=0.1)

@@ -144,7 +144,7 @@ def test_all_else_in_a_file_stays(tmp_path: Path, capsys: pytest.CaptureFixture[
         (["thesis", *ASKED[2:4]], "--rate says nothing without --false-alarms-per-hour."),
         (["thesis", "--noise-correlation", "0"], "--noise-correlation says nothing without --false-alarms-per-hour."),
         (["thesis", *ASKED, "--noise-correlation", "1"], "--noise-correlation must be between -1 and 1"),
-        (["thesis", *ASKED[2:], "--false-alarms-per-hour", "4e5"], "must be below the 360000 sweeps of an hour"),
+        (["thesis", *ASKED[2:], "--false-alarms-per-hour", "4e5"], "-alarms-per-hour must be above 0 and below 360000"),
         (["thesis", *ASKED[2:], "--false-alarms-per-hour", "0"], "expected a number > 0, got '0'"),
         (["thesis", *ASKED[:4], "--range-noise-mm", "1e5"], "must be between 0.0 and 1000.0 m/s; got 6"),
     ],

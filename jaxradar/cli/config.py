@@ -29,6 +29,9 @@ jaxradar config default > mine.toml
   jaxradar config range-rate --false-alarms-per-hour 1 \\
       --rate 100 --range-noise-mm 0.49 > mine.toml"""
 
+# What the arguments of `from_false_alarm_rate` are called here; one in millimetres is no other name for one in metres.
+_OPTIONS = {"per_hour": "--false-alarms-per-hour", "rate_hz": "--rate", "correlation": "--noise-correlation"}
+
 
 def add_to(commands: Any) -> None:
     """Make the command known."""
@@ -97,11 +100,7 @@ def _by_theory(file: DetectorFile, args: argparse.Namespace) -> DetectorFile:
         )
     settings = {name: getattr(held, name) for name in declared(type(held)) if name != "threshold_m_s"}
     correlation = 0.0 if args.noise_correlation is None else args.noise_correlation
-    if not -1 < correlation < 1:
-        raise ConfigError(f"--noise-correlation must be between -1 and 1, both excluded; got {correlation:g}.")
-    wanted, sweeps = args.false_alarms_per_hour, 3600.0 * args.rate
-    if not wanted < sweeps:
-        raise ConfigError(f"--false-alarms-per-hour must be below the {sweeps:g} sweeps of an hour; got {wanted:g}.")
+    wanted = args.false_alarms_per_hour
     try:
         detector = type(held).from_false_alarm_rate(
             wanted,
@@ -111,7 +110,10 @@ def _by_theory(file: DetectorFile, args: argparse.Namespace) -> DetectorFile:
             **settings,
         )
     except ValueError as error:
-        raise ConfigError(f"--false-alarms-per-hour {wanted:g}: {error}") from None
+        sentence = str(error)
+        for name, option in _OPTIONS.items():
+            sentence = sentence.replace(f"`{name}`", option)
+        raise ConfigError(f"no threshold by theory: {sentence}") from None
     provenance = {
         **file.provenance,
         "threshold_m_s": "from theory: false alarms of |difference of two sweeps| in Gaussian noise of the range",

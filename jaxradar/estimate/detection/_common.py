@@ -23,6 +23,12 @@ def per_sample(per_hour: float, rate_hz: float, most: float = 1.0) -> float:
     return wanted
 
 
+def per_hour_of(share: float, rate_hz: float) -> float:
+    """Alarms an hour, of so many per sample."""
+    positive(rate_hz=rate_hz)
+    return SECONDS_PER_HOUR * rate_hz * share
+
+
 def positive(**values: float) -> None:
     for name, value in values.items():
         if not (value > 0 and math.isfinite(value)):

@@ -6,9 +6,9 @@ import math
 
 from scipy import optimize
 
-from jaxradar.estimate.detection._common import SECONDS_PER_HOUR
+from jaxradar.estimate.detection._common import per_hour_of, per_sample
 
-__all__ = ["CUSUM_OVERSHOOT", "cusum_false_alarms", "cusum_run_length", "cusum_threshold"]
+__all__ = ["CUSUM_OVERSHOOT", "cusum_false_alarms_per_hour", "cusum_run_length", "cusum_threshold"]
 
 CUSUM_OVERSHOOT = 1.166  # of a Gaussian walk over two barriers, 2 × 0.583 (Siegmund, Sequential Analysis, 1985, 10.2)
 
@@ -29,20 +29,17 @@ def cusum_run_length(threshold: float, reference: float, drift: float = 0.0) -> 
     return (math.exp(-product) + product - 1.0) / (2.0 * excess**2)
 
 
-def cusum_threshold(samples: float, reference: float) -> float:
-    """The threshold h at which noise alone runs for so many samples on average. Raises `ValueError` for fewer samples
-    than a threshold of 0 has."""
-    least = cusum_run_length(0.0, reference)
-    if not samples >= least:
-        raise ValueError(f"`samples` must be at least {least:.3g}, the mean run at a threshold of 0; got {samples}.")
-    over = lambda h: math.log(cusum_run_length(h, reference)) - math.log(samples)  # noqa: E731
+def cusum_false_alarms_per_hour(threshold: float, rate_hz: float, reference: float) -> float:
+    """False alarms an hour of a CUSUM that begins anew after each: one in every mean run of noise alone."""
+    return per_hour_of(1.0 / cusum_run_length(threshold, reference), rate_hz)
+
+
+def cusum_threshold(per_hour: float, rate_hz: float, reference: float) -> float:
+    """The threshold h that `cusum_false_alarms_per_hour` gives `per_hour` for. Raises `ValueError` for more than there
+    are at a threshold of 0."""
+    wanted = per_sample(per_hour, rate_hz, 1.0 / cusum_run_length(0.0, reference))
+    over = lambda h: math.log(cusum_run_length(h, reference)) + math.log(wanted)  # noqa: E731
     high = 1.0
     while over(high) < 0:
         high *= 2.0
-    return float(optimize.brentq(over, 0.0, high))
-
-
-def cusum_false_alarms(threshold: float, reference: float, rate_hz: float) -> float:
-    """False alarms an hour of a CUSUM that begins anew after each: one in every mean run. For the way back give
-    `cusum_threshold` the samples of that time."""
-    return SECONDS_PER_HOUR * rate_hz / cusum_run_length(threshold, reference)
+    return float(optimize.brentq(over, 0.0, high, xtol=1e-13))

@@ -11,11 +11,11 @@ import numpy as np
 from scipy import linalg, optimize, special
 
 from jaxradar.estimate.detection._common import (
-    SECONDS_PER_HOUR,
     Correlations,
     any_above,
     at_least_one,
     correlations,
+    per_hour_of,
     per_sample,
     positive,
     rises_above,
@@ -24,11 +24,13 @@ from jaxradar.estimate.detection._common import (
 __all__ = [
     "difference_detection",
     "difference_detection_within",
-    "difference_false_alarms",
+    "difference_false_alarms_per_hour",
     "difference_onset_threshold",
-    "difference_onsets",
+    "difference_onsets_per_hour",
     "difference_threshold",
 ]
+
+MOST_THRESHOLD = 35.0  # standard deviations of the difference; beyond, a double holds the probability no more
 
 
 def _difference_sd(sd: float, correlation: float = 0.0) -> float:
@@ -40,7 +42,7 @@ def _difference_sd(sd: float, correlation: float = 0.0) -> float:
     return sd * math.sqrt(2.0 * (1.0 - correlation))
 
 
-def difference_false_alarms(threshold: float, sd: float, rate_hz: float, correlation: float = 0.0) -> float:
+def difference_false_alarms_per_hour(threshold: float, sd: float, rate_hz: float, correlation: float = 0.0) -> float:
     """False alarms an hour of |x[n] − x[n−m]| > `threshold`: 2 Q(t/σ_d) of each sample, each counted (Kay, Fundamentals
     of Statistical Signal Processing II, 1998, section 3.3, of a Gaussian statistic).
 
@@ -49,13 +51,17 @@ def difference_false_alarms(threshold: float, sd: float, rate_hz: float, correla
     """
     scale = _difference_sd(sd, correlation)
     above = 0.0 if scale == 0 else 2.0 * float(special.ndtr(-threshold / scale))
-    return SECONDS_PER_HOUR * rate_hz * above
+    return per_hour_of(above, rate_hz)
 
 
 def difference_threshold(per_hour: float, sd: float, rate_hz: float, correlation: float = 0.0) -> float:
-    """The threshold that `difference_false_alarms` gives `per_hour` for (Neyman and Pearson's, for a step of any
-    height). Raises `ValueError` for more alarms than samples, or none."""
-    return -_difference_sd(sd, correlation) * float(special.ndtri(0.5 * per_sample(per_hour, rate_hz)))
+    """The threshold that `difference_false_alarms_per_hour` gives `per_hour` for (Neyman and Pearson's, for a step
+    of any height). Raises `ValueError` for more alarms than samples, or none, and where the difference is always 0."""
+    positive(sd=sd)
+    scale = _difference_sd(sd, correlation)
+    if scale == 0:
+        raise ValueError(f"`correlation` must be below 1, or the difference is always 0; got {correlation}.")
+    return -scale * float(special.ndtri(0.5 * per_sample(per_hour, rate_hz)))
 
 
 def difference_detection(threshold: float, step: float, sd: float, correlation: float = 0.0) -> float:
@@ -66,7 +72,7 @@ def difference_detection(threshold: float, step: float, sd: float, correlation: 
     return float(special.ndtr((abs(step) - threshold) / scale) + special.ndtr((-abs(step) - threshold) / scale))
 
 
-def difference_onsets(
+def difference_onsets_per_hour(
     threshold: float, sd: float, rate_hz: float, lag: int = 1, autocorrelation: Correlations | None = None
 ) -> float:
     """False alarms an hour, counted when they begin: the difference exceeds, and the one before did not.
@@ -78,7 +84,7 @@ def difference_onsets(
     """
     positive(sd=sd)
     scale, beside = _pair(lag, autocorrelation)
-    return SECONDS_PER_HOUR * rate_hz * _onset_share(threshold / (sd * scale), beside)
+    return per_hour_of(_onset_share(threshold / (sd * scale), beside), rate_hz)
 
 
 def _pair(lag: int, autocorrelation: Correlations | None) -> tuple[float, float]:
@@ -100,15 +106,15 @@ def _onset_share(high: float, beside: float) -> float:
 def difference_onset_threshold(
     per_hour: float, sd: float, rate_hz: float, lag: int = 1, autocorrelation: Correlations | None = None
 ) -> float:
-    """The threshold at which so many alarms begin an hour. Raises `ValueError` for more than one in ten samples: near
-    one in four the number of onsets falls again with a lower threshold."""
+    """The threshold that `difference_onsets_per_hour` gives `per_hour` for. Raises `ValueError` for more than one in
+    ten samples: near one in four the number of onsets falls again with a lower threshold."""
     positive(sd=sd)
     scale, beside = _pair(lag, autocorrelation)
     wanted = math.log(per_sample(per_hour, rate_hz, 0.1))
     excess = lambda high: math.log(_onset_share(high, beside)) - wanted  # noqa: E731
     if excess(1.0) < 0:
         raise ValueError(f"`per_hour` is more than begin at a threshold of {sd * scale:.3g}; got {per_hour}.")
-    return sd * scale * float(optimize.brentq(excess, 1.0, 8.0, xtol=1e-14))
+    return sd * scale * float(optimize.brentq(excess, 1.0, MOST_THRESHOLD, xtol=1e-14))
 
 
 def difference_detection_within(

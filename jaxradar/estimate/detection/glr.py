@@ -11,22 +11,33 @@ import math
 import numpy as np
 from scipy import optimize, special
 
-from jaxradar.estimate.detection._common import at_least_one, normal_density, overshoot, per_sample, share
+from jaxradar.estimate.detection._common import (
+    at_least_one,
+    normal_density,
+    overshoot,
+    per_hour_of,
+    per_sample,
+    share,
+)
 
-__all__ = ["glr_detection", "glr_false_alarms", "glr_least_step", "glr_threshold"]
+__all__ = ["glr_detection", "glr_false_alarms_per_hour", "glr_least_step", "glr_threshold"]
 
 LEAST_THRESHOLD, MOST_THRESHOLD = 2.0, 35.0
 
 
-def glr_false_alarms(threshold: float, window: int) -> float:
-    """Alarms per sample in noise alone, those less than a window apart counted as one.
+def glr_false_alarms_per_hour(threshold: float, rate_hz: float, window: int) -> float:
+    """Alarms an hour in noise alone, those less than a window apart counted as one.
 
-    2 Σ b³ φ(b) ν²(b/√k)/(4 k²) over the lengths k, the sum for which Siegmund and Venkatraman (Annals of Statistics 23,
-    1995) write b φ(b) ∫ x ν²(x) dx, x = b/√k, cut at the window as by Lai (Journal of the Royal Statistical
-    Society B 57, 1995). Asymptotic, for a probability per window that is small. Compared with simulated
+    2 Σ b³ φ(b) ν²(b/√k)/(4 k²) per sample, over the lengths k, the sum for which Siegmund and Venkatraman (Annals of
+    Statistics 23, 1995) write b φ(b) ∫ x ν²(x) dx, x = b/√k, cut at the window as by Lai (Journal of the Royal
+    Statistical Society B 57, 1995). Asymptotic, for a probability per window that is small. Compared with simulated
     rates for windows of 4, 10 and 30 at thresholds of 3.5 and 4 it is within 30 %: low by 15 % for short windows. A
     window of 1 is exact.
     """
+    return per_hour_of(_alarm_share(threshold, window), rate_hz)
+
+
+def _alarm_share(threshold: float, window: int) -> float:
     at_least_one(window=window)
     if window == 1:
         return 2.0 * float(special.ndtr(-threshold))
@@ -36,10 +47,10 @@ def glr_false_alarms(threshold: float, window: int) -> float:
 
 
 def glr_threshold(per_hour: float, rate_hz: float, window: int) -> float:
-    """The threshold for so many false alarms an hour. Raises `ValueError` for more than there are at a threshold
-    of 2."""
-    wanted = per_sample(per_hour, rate_hz, glr_false_alarms(LEAST_THRESHOLD, window))
-    over = lambda b: math.log(glr_false_alarms(b, window)) - math.log(wanted)  # noqa: E731
+    """The threshold that `glr_false_alarms_per_hour` gives `per_hour` for. Raises `ValueError` for more than there are
+    at a threshold of 2."""
+    wanted = per_sample(per_hour, rate_hz, _alarm_share(LEAST_THRESHOLD, window))
+    over = lambda b: math.log(_alarm_share(b, window)) - math.log(wanted)  # noqa: E731
     return float(optimize.brentq(over, LEAST_THRESHOLD, MOST_THRESHOLD))
 
 

@@ -20,6 +20,7 @@ from jaxradar.estimate.detection._common import (
     correlations,
     normal_density,
     overshoot,
+    per_hour_of,
     per_sample,
     positive,
     rises_above,
@@ -29,11 +30,11 @@ from jaxradar.estimate.detection._common import (
 __all__ = [
     "moving_sum_detection",
     "moving_sum_detection_within",
-    "moving_sum_false_alarms",
+    "moving_sum_false_alarms_per_hour",
     "moving_sum_least_step",
     "moving_sum_least_window",
     "moving_sum_onset_threshold",
-    "moving_sum_onsets",
+    "moving_sum_onsets_per_hour",
     "moving_sum_sd",
     "moving_sum_threshold",
 ]
@@ -57,14 +58,18 @@ def _sum_covariance(window: int, autocorrelation: Correlations | None, lags: int
     return np.array([triangle @ rho[np.abs(reach + apart)] for apart in range(lags + 1)])
 
 
-def moving_sum_false_alarms(threshold: float, window: int) -> float:
-    """Alarms per sample of the test in white noise, those less than a window apart counted as one.
+def moving_sum_false_alarms_per_hour(threshold: float, rate_hz: float, window: int) -> float:
+    """Alarms an hour of the test in white noise, those less than a window apart counted as one.
 
-    b φ(b) ν(b √(2/m))/m, the rate at which clumps of exceedances come (Siegmund and Yakir, The Statistics of Gene
-    Mapping, 2007, section 5.2: the sum's correlation falls as |lag|/m); asymptotic, for a probability per window that
-    is small; within 25 % of simulated rates for windows of 4, 10 and 30 at thresholds of 3 to 3.3. A window of 1 is
-    exact.
+    b φ(b) ν(b √(2/m))/m per sample, the rate at which clumps of exceedances come (Siegmund and Yakir, The Statistics of
+    Gene Mapping, 2007, section 5.2: the sum's correlation falls as |lag|/m); asymptotic, for a probability per window
+    that is small; within 25 % of simulated rates for windows of 4, 10 and 30 at thresholds of 3 to 3.3. A window of 1
+    is exact.
     """
+    return per_hour_of(_alarm_share(threshold, window), rate_hz)
+
+
+def _alarm_share(threshold: float, window: int) -> float:
     at_least_one(window=window)
     if window == 1:
         return float(special.ndtr(-threshold))
@@ -72,29 +77,31 @@ def moving_sum_false_alarms(threshold: float, window: int) -> float:
 
 
 def moving_sum_threshold(per_hour: float, rate_hz: float, window: int) -> float:
-    """The threshold of the moving sum for so many false alarms an hour, in standard deviations of the scaled sum.
-    Raises `ValueError` for more than there are at a threshold of 1.5."""
-    wanted = per_sample(per_hour, rate_hz, moving_sum_false_alarms(LEAST_THRESHOLD, window))
-    over = lambda b: math.log(moving_sum_false_alarms(b, window)) - math.log(wanted)  # noqa: E731
+    """The threshold, in standard deviations of the scaled sum, that `moving_sum_false_alarms_per_hour` gives `per_hour`
+    for. Raises `ValueError` for more than there are at a threshold of 1.5."""
+    wanted = per_sample(per_hour, rate_hz, _alarm_share(LEAST_THRESHOLD, window))
+    over = lambda b: math.log(_alarm_share(b, window)) - math.log(wanted)  # noqa: E731
     return float(optimize.brentq(over, LEAST_THRESHOLD, MOST_THRESHOLD))
 
 
-def moving_sum_onsets(threshold: float, window: int, autocorrelation: Correlations | None = None) -> float:
-    """How often per sample the test rises above its threshold, each time counted: P(z[n] > b ≥ z[n−1]).
+def moving_sum_onsets_per_hour(
+    threshold: float, rate_hz: float, window: int, autocorrelation: Correlations | None = None
+) -> float:
+    """How often an hour the test rises above its threshold, each time counted: P(z[n] > b ≥ z[n−1]).
 
     Exact for Gaussian noise of any colour, by Owen's T function (Annals of Mathematical Statistics 27, 1956), and so an
     upper bound of the alarms that a test with a pause after each raises. Checked for windows of 1 to 30 at 5e-4 to
     6e-3 per sample, white and coloured.
     """
     own, beside = _sum_covariance(window, autocorrelation, 1)
-    return rises_above(threshold / math.sqrt(own), beside / own)
+    return per_hour_of(rises_above(threshold / math.sqrt(own), beside / own), rate_hz)
 
 
 def moving_sum_onset_threshold(
     per_hour: float, rate_hz: float, window: int, autocorrelation: Correlations | None = None
 ) -> float:
-    """The threshold that `moving_sum_onsets` gives so many alarms an hour for. Raises `ValueError` for more than there
-    are at a threshold of one standard deviation of the sum."""
+    """The threshold that `moving_sum_onsets_per_hour` gives `per_hour` for. Raises `ValueError` for more than there are
+    at a threshold of one standard deviation of the sum."""
     own, beside = _sum_covariance(window, autocorrelation, 1)
     rises = lambda z: rises_above(z, beside / own)  # noqa: E731
     wanted = per_sample(per_hour, rate_hz, rises(1.0))
@@ -142,7 +149,8 @@ def moving_sum_least_step(
     autocorrelation: Correlations | None = None,
 ) -> float:
     """The least step, in standard deviations of the noise, that is found by the deadline with at least this
-    probability (`moving_sum_detection`) at so many false alarms an hour."""
+    probability (`moving_sum_detection`) at so many false alarms an hour; with an `autocorrelation` each rise above
+    the threshold is one."""
     share("probability", probability)
     at_least_one(window=window, deadline=window if deadline is None else deadline)
     filled = window if deadline is None else min(deadline, window)
