@@ -1,1 +1,2 @@
-"""Numbers on one axis: pulses, peaks, floors and shifts. Nothing here knows of a sensor or of metres."""
+"""Numbers on one axis: pulses, peaks, cells, floors, shifts, and slopes of a track on uneven times. Nothing here knows
+of a sensor or of metres."""

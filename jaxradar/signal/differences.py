@@ -1,8 +1,8 @@
-"""Speed out of ranges on uneven times, causal: at each sample from it and those before it.
+"""Slope of a track on uneven times, causal: at each sample from it and those before it.
 
 All take `values` (samples,), at `dt` (samples,) seconds after the sample before (the first one's is not used), and give
 (samples,) in units of the values per second. Only differences are ever summed: of the values to the newest one, and of
-times backwards from it, so that neither a far range nor a long drive costs digits. Where the times do not tell a
+times backwards from it, so that neither a large value nor a long track costs digits. Where the times do not tell a
 slope, because there are too few samples or they are at one time, it is 0 with gradient 0.
 """
 

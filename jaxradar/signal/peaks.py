@@ -178,6 +178,9 @@ class MatchedFilter(WindowEstimator):
     Modulation Theory I, section 4.2.3); all bins are searched, which removes the gross outliers of the others at low
     SNR. What an edge cuts off is taken into account: the correlation is held against the energy of the pulse inside the
     window. No step is taken where the likelihood is not concave, none is longer than a bin.
+
+    The one to take as the reference, and where an end of the sweep may cut an echo off: it searches the likelihood over
+    all bins and accounts for what is cut off, in some 50 times the time of a `PulseFit`.
     """
 
     fwhm: float = eqx.field(static=True, default=8.0)
