@@ -121,9 +121,8 @@ def strongest_cell(cells: np.ndarray, level: float = 0.0) -> Answer:
         # The first of equals, but the middle before either side.
         options = sorted((middle, middle - 1, middle + 1), key=lambda one: -cells[min(max(one, 0), len(cells) - 1)])
         top = min(max(options[0], 0), len(cells) - 1)
-        outer = options[0] - top  # beyond an end the end cell counts twice
-        three = [cells[min(max(top + outer + k, 0), len(cells) - 1)] for k in (-1, 0, 1)]
-        places.append(top + 0.5 + vertex(*three)["offset"])
+        inside = 0 < top < len(cells) - 1  # a cell at an end has one neighbour, and so no vertex
+        places.append(top + 0.5 + (vertex(*cells[top - 1 : top + 2])["offset"] if inside else 0.0))
     return {"place": np.array(places), "strength": over.max()}
 
 

@@ -28,7 +28,7 @@ def test_begins_at_the_largest_of_three_cells() -> None:
         pytest.param([0, 4, 4, 0], 2.0, 8 / 3, id="between two equal cells"),
         pytest.param([0, 0, 3, 3, 3, 0, 0], 3.5, 3.0, id="the middle of three equal cells"),
         pytest.param([4, 4, 4, 4], 0.5, 4.0, id="the first cell where all are equal"),
-        pytest.param([5, 0, 0, 0, 5], 0.0, 10 / 3, id="the first of two equal ends"),
+        pytest.param([5, 0, 0, 0, 5], 0.5, 10 / 3, id="the first of two equal ends"),
     ],
 )
 def test_of_equal_ones_the_first(cells: list[float], place: float, strength: float) -> None:
@@ -40,18 +40,18 @@ def test_of_equal_ones_the_first(cells: list[float], place: float, strength: flo
 @pytest.mark.parametrize("beside", [0.0, 1.0, 4.0])
 @pytest.mark.parametrize("bins", [3, 5, 8])
 def test_an_echo_in_the_first_cell_and_in_the_last(bins: int, beside: float) -> None:
-    """The cell at the end counts twice, so that the parabola's vertex is on the cell's outer edge: not beyond."""
+    """It has one neighbour, and so no vertex: its middle."""
     cells = jnp.zeros(bins).at[:2].set(jnp.asarray([5.0, beside]))
     first, strength = strongest_cell(cells)
     last, mirrored = strongest_cell(cells[::-1])
-    assert float(first) == pytest.approx(0.0)
-    assert float(last) == pytest.approx(bins)
+    assert float(first) == pytest.approx(0.5)
+    assert float(last) == pytest.approx(bins - 0.5)
     assert float(strength) == pytest.approx((10.0 + beside) / 3) == float(mirrored)
 
 
 @pytest.mark.parametrize(
     ("cells", "place", "strength"),
-    [([7], 0.5, 7.0), ([0], 0.5, 0.0), ([3, 1], 0.0, 7 / 3), ([1, 3], 2.0, 7 / 3), ([2, 2], 0.5, 2.0)],
+    [([7], 0.5, 7.0), ([0], 0.5, 0.0), ([3, 1], 0.5, 7 / 3), ([1, 3], 1.5, 7 / 3), ([2, 2], 0.5, 2.0)],
 )
 def test_one_cell_and_two_are_enough(cells: list[float], place: float, strength: float) -> None:
     found, above = strongest_cell(jnp.asarray(cells, float))

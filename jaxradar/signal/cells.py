@@ -16,7 +16,7 @@ def strongest_cell(cells: Counts, level: Scalar | float = 0.0, weights: Counts |
     `level` (0 if it does not).
 
     The largest mean of three neighbouring cells is looked for, as one rough cell is not an echo, of products with the
-    `weights` if there are any; the first and the last cell count twice. Among these three the place is that of the
+    `weights` if there are any; the first and the last cell count twice there. Among these three the place is that of the
     largest cell, between two patches of road being on neither.
     """
     last = cells.shape[0] - 1
@@ -31,4 +31,7 @@ def strongest_cell(cells: Counts, level: Scalar | float = 0.0, weights: Counts |
     left, right = trios[0][1] > trios[1][1], trios[2][1] > jnp.maximum(trios[0][1], trios[1][1])
     top = [jnp.where(right, c, jnp.where(left, a, b)) for a, b, c in zip(*trios, strict=True)]
     beside = jnp.where(right, 1, jnp.where(left, -1, 0))
-    return jnp.clip(middle + beside, 0, last) + 0.5 + vertex(*top)[0], strength
+    cell = jnp.clip(middle + beside, 0, last)
+    # A cell at an end has one neighbour, which makes no parabola: its middle is all that is known.
+    between = jnp.where((cell == 0) | (cell == last), 0.0, vertex(*top)[0])
+    return cell + 0.5 + between, strength
