@@ -130,7 +130,7 @@ def pulse_fit(sweep: np.ndarray, fwhm: float, near: int | None, half_width: int,
     """One Newton step on the logarithm of the correlation, from each bin that would do to begin with."""
     values, begin = finite(sweep), [near]
     if near is None:
-        width = min(search, max(1, len(values) // 3))
+        width = min(search | 1, max(1, (len(values) // 3 - 1) | 1))
         sums = np.convolve(values, np.ones(width), "valid")
         begin = [int(one) + width // 2 for one in np.flatnonzero(sums >= sums.max() - EQUAL * abs(sums.max()))]
     answers = [_one_step(values, fwhm, at, half_width) for at in begin]

@@ -7,7 +7,6 @@ walks the modules; what is neither in a case nor in `NOT_NUMERIC` fails `test_st
 from __future__ import annotations
 
 import dataclasses
-import functools
 import importlib
 import inspect
 import math
@@ -596,7 +595,6 @@ def unit_cases() -> Iterator[Case]:
         )
 
 
-@functools.cache
 def difference_cases() -> Iterator[Case]:
     ways: dict[str, tuple[Any, Any]] = {
         "backward_difference": (differences.backward_difference, oracles.backward_difference),

@@ -43,7 +43,7 @@ def add_to(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> Non
     parser.add_argument("tasks", nargs="*", metavar="TASK", help=f"any of {', '.join(_TASKS)} (default: all)")
     parser.add_argument("-o", "--output", metavar="DIR", help="folder for figures and pictures")
     parser.add_argument("--quick", action="store_true", help="fewer cases, candidates and rounds: under a minute")
-    parser.add_argument("--rounds", type=whole(3, 10_000), metavar="N", help="of timing (default: 15, quick 5)")
+    parser.add_argument("--rounds", type=whole(3, 10_000), metavar="N", help="of timing (default: 11, quick 5)")
     parser.add_argument("--case", metavar="NAME", help="measure this case alone (default: all; --list names them)")
     parser.add_argument(
         "--error",

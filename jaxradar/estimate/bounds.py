@@ -47,7 +47,7 @@ def coloured_bound_m(
 
     `slope`: derivative of the expected sweep by its range, counts per metre; `covariance`: of the noise, counts². (Kay,
     section 3.9.) `nuisance`: derivatives by whatever else is unknown (amplitude, another echo), a row each: what of the
-    slope they could explain tells nothing (section 3.8, the inverse of a partitioned matrix). Infinite where nothing is
+    slope they could explain tells nothing (section 3.7, the inverse of a partitioned matrix). Infinite where nothing is
     left. Raises `ValueError` for a covariance that is none.
     """
     try:
@@ -66,9 +66,10 @@ def coloured_bound_m(
 def gross_error_probability(snr_db: float, window_m: float, fwhm_m: float) -> float:
     """Probability that a matched filter takes noise elsewhere in the window for the echo.
 
-    A union bound over as many independent places as pulses have room for, each of which wins with Q(A'/√2), A' being
-    the SNR after the filter; van Trees, Detection, Estimation, and Modulation Theory I, section 4.2.3. `snr_db`: after
-    the filter. At most 1.
+    As many independent places as pulses have room for, each of which wins with Q(A'/√2), A' being the SNR after the
+    filter; van Trees, Detection, Estimation, and Modulation Theory I, section 4.2.3. Low, as maxima lie between
+    these places too: a filter simulated over 60,000 sweeps of 128 bins erred 1.5 to 2 times as often where it did so in
+    8e-3 to 3.5e-4 of them. `snr_db`: after the filter. At most 1.
     """
     _positive(window_m=window_m, fwhm_m=fwhm_m)
     places = max(window_m / (2.0 * SIGMA_PER_FWHM * fwhm_m * math.sqrt(math.pi)) - 1.0, 0.0)

@@ -41,7 +41,8 @@ def mean(values: np.ndarray) -> Estimate:
 
 
 def rms(errors: np.ndarray) -> Estimate:
-    """Root of the mean square: the interval is that of the mean square, so that rare large errors widen it."""
+    """Root of the mean square, with the interval of the mean square by the central limit theorem: too narrow where it
+    hangs on errors so rare and large that there are only a few among them, or none; look at those apart."""
     square = mean(np.square(errors))
     return Estimate(*(math.sqrt(max(one, 0.0)) for one in (square.value, square.low, square.high)))
 

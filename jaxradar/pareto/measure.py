@@ -17,7 +17,7 @@ from jaxradar.pareto.timing import first_call, rounds, spread
 
 __all__ = ["choose", "measure"]
 
-ROUNDS, QUICK_ROUNDS, FEWEST_ROUNDS = 15, 5, 3
+ROUNDS, QUICK_ROUNDS, FEWEST_ROUNDS = 11, 5, 3
 ALONE = 10  # calls of a single item that are timed together: one is too short for the clock
 
 
@@ -33,7 +33,7 @@ def measure(
     """Error and time of every candidate in every case.
 
     `candidates`: all that the task knows if None; `cases`: the names of those to measure. `count`: rounds of timing,
-    15, or 5 if `quick`. `progress` is told what is being done and which share of all is done. A candidate that raises,
+    11, or 5 if `quick`. `progress` is told what is being done and which share of all is done. A candidate that raises,
     or whose answer is no answer, is reported as failed and not timed. Raises `ValueError` for two candidates of one
     name and fewer than 3 rounds, `ConfigError` for a case that there is not.
     """
@@ -99,7 +99,9 @@ def _measure_case(
         count,
         lambda: told("timing", next(done)),
     )
-    singles = rounds({name: _repeated(one.program.single) for name, one in ready.items() if one.program.single}, count)
+    singles = rounds(
+        {name: _repeated(one.program.single) for name, one in ready.items() if one.program.single}, FEWEST_ROUNDS
+    )
     points = [_point(one, batches[name], singles.get(name)) for name, one in ready.items()]
     points.sort(key=lambda point: point.cost.value)
     marked = tuple(replace(point, front=front) for point, front in zip(points, on_front(points), strict=True))
@@ -126,7 +128,7 @@ def _point(one: _Ready, batch: np.ndarray, single: np.ndarray | None) -> Point:
         peer=one.candidate.peer,
         items=one.program.items,
         score=one.score,
-        batch=spread(batch / one.program.items),
+        batch=spread(batch / (one.program.answers or one.program.items)),
         single=None if single is None else spread(single / ALONE),
         first_s=max(one.first_s - float(np.median(batch)), 0.0),
     )

@@ -53,11 +53,13 @@ class Case:
 @dataclass(frozen=True)
 class Program:
     """A candidate made ready for one case: what answers the first `items` of it at once, and what answers one (None
-    where that makes no sense). Whoever calls it waits for the answer, should it be JAX's."""
+    where that makes no sense). Whoever calls it waits for the answer, should it be JAX's. `answers`: how many the time
+    is shared by, where that is not `items`."""
 
     batch: Callable[[], Any]
     items: int
     single: Callable[[], Any] | None = None
+    answers: int | None = None
 
 
 @dataclass(frozen=True, eq=False)

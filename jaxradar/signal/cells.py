@@ -16,8 +16,8 @@ def strongest_cell(cells: Counts, level: Scalar | float = 0.0, weights: Counts |
     `level` (0 if it does not).
 
     The largest mean of three neighbouring cells is looked for, as one rough cell is not an echo, of products with the
-    `weights` if there are any; the first and the last cell count twice there. Among these three the place is that of the
-    largest cell, between two patches of road being on neither.
+    `weights` if there are any; the first and the last cell count twice there. Among these three the place is that of
+    the largest cell, between two patches of road being on neither.
     """
     last = cells.shape[0] - 1
 

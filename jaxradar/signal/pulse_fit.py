@@ -21,7 +21,7 @@ __all__ = ["NARROWEST", "PulseFit"]
 TEMPLATE_REACH = 1.5  # widths to either side: what lies beyond has a weight of 2e-3 and less
 SEARCH_SHARE = 0.8  # of the width: the box with the most of a Gaussian in white noise is about as wide as that
 NARROWEST = 1.0  # bins; a narrower template sees one bin alone
-MOST_SHIFTS = 6  # of which a running sum is made; a wider one is made of sums over several bins
+MOST_SHIFTS, COARSE_SHIFTS = 7, 5  # of which a running sum is made; a wider one is made of sums over several bins
 _SMALL = 2.0**-10  # so that no sum of finite amplitudes overflows
 
 
@@ -37,14 +37,15 @@ class PulseFit(PeakEstimator):
     """One Newton step on the logarithm of the correlation with a Gaussian of `fwhm` bins.
 
     Where the echo is a Gaussian, so is its correlation c(δ) with the template, and its logarithm a parabola: one step
-    −(log c)'/(log c)'' from anywhere near leads to the top, whatever the width of the two. With a template of the
-    echo's own width that is the maximum-likelihood estimate in white noise (Van Trees, Detection, Estimation, and
-    Modulation Theory I, section 4.2.3). A template of q times that width costs ((q² + 1)/(2 q))^1.5 of accuracy there;
-    in noise that is as smooth as the echo itself, which a real sensor's is, a narrow one is better.
+    −(log c)'/(log c)'' from anywhere near leads to the top, whatever the width of the two, as long as the window holds
+    all of the template (1.5 widths to either side; 1.1 leave 1 % of the distance from where the step begins). With a
+    template of the echo's own width that is the maximum-likelihood estimate in white noise (Van Trees, Detection,
+    Estimation, and Modulation Theory I, section 4.2.3). A template of q times that width costs ((q² + 1)/(2 q))^1.5 of
+    accuracy there; in noise that is as smooth as the echo itself, which a real sensor's is, a narrow one is better.
 
-    The step begins at the largest sum over `search` neighbouring bins, which a single bin of noise does not move (1:
-    the largest bin), and is at most half a width long. `half_width`: bins to either side that are looked at; at the
-    ends they are moved inwards.
+    The step begins at the largest sum over `search` neighbouring bins, an odd number of them, which a single bin of
+    noise does not move (1: the largest bin), and is at most half a width long. `half_width`: bins to either side that
+    are looked at; at the ends they are moved inwards. A bin that is no number counts as 0.
 
     The one to take where time counts: closed form and a single step, in some fiftieth of the time of a `MatchedFilter`
     (over all of 128 and of 1,000 bins).
@@ -72,14 +73,15 @@ class PulseFit(PeakEstimator):
         return self.place(near, *self.read(sweep, near))
 
     def begin(self, sweep: RawSweep) -> Index:
-        """The middle bin of the largest running sum; a sum over what is no number does not count."""
+        """The middle bin of the largest running sum, over an odd number of bins so that it has one; a sum over what is
+        no number does not count."""
         values, bins = jnp.asarray(sweep), sweep.shape[0]
-        width = min(self.search, max(1, bins // 3))
-        size = -(-width // MOST_SHIFTS)
+        width = min(self.search | 1, max(1, (bins // 3 - 1) | 1))
+        count, size = (width, 1) if width <= MOST_SHIFTS else (COARSE_SHIFTS, round(width / COARSE_SHIFTS) | 1)
         if size > 1:
             values = jnp.sum(finite(values)[: bins // size * size].reshape(bins // size, size), axis=1)
         # Summed at every place anew: nothing runs along the sweep, and there is no difference of large sums.
-        count = max(1, round(width / size))
+        count = min(count, values.shape[0])
         places = values.shape[0] - count + 1
         first, _ = first_largest(*(values[k : k + places] for k in range(count)), of=_finite_sum)
         return first * size + (count * size) // 2

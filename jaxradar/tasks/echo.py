@@ -126,6 +126,7 @@ class EchoRange(Task):
 
     The truth is drawn evenly over range and so over the fractions of a bin; nothing is rounded to counts. Where there
     are two echoes, the range of the stronger is asked for, and the bound is of an estimator that knows their shape.
+    Thinned and half-precision sweeps are as a sensor might record them: making them so is not timed.
     """
 
     name = "range"
@@ -160,7 +161,7 @@ class EchoRange(Task):
         return 20_000 // (8 if BINS[kind.bin_m] > 1000 else 1)
 
     def candidates(self, quick: bool = False) -> Sequence[Candidate]:
-        return [*jax_candidates(quick), *peer_candidates(quick)]
+        return [*jax_candidates(quick), *peer_candidates()]
 
     def candidate(self, name: str, build: Build) -> Candidate:
         """One's own: `build(fwhm, bin_m)` gives a `PeakEstimator` for a pulse of `fwhm` bins of `bin_m` metres."""

@@ -27,7 +27,8 @@ TYPES: dict[str, Any] = {
     "float32": jnp.float32,
     "float64": jnp.float64,
 }
-DEFAULT = "default's fit"
+DEFAULT, SLOW = "default's fit", "matched filter, all bins"
+FEW = 2000  # sweeps for the slow one
 Build = Callable[[float, float], PeakEstimator]  # from the width in bins that is known, and a bin in metres
 
 
@@ -68,7 +69,7 @@ def _estimators(quick: bool) -> dict[str, Build]:
                 1.5 * width, _taps(width, 1.5 * 1.5), _taps(width, 0.8)
             ),
             "matched filter ±1.5": lambda width, bin_m: MatchedFilter(width, half_width=_taps(width, 1.5)),
-            "matched filter, all bins": lambda width, bin_m: MatchedFilter(width),
+            SLOW: lambda width, bin_m: MatchedFilter(width),
         }
     return held
 
@@ -76,7 +77,7 @@ def _estimators(quick: bool) -> dict[str, Build]:
 def jax_candidates(quick: bool) -> Sequence[Candidate]:
     """Every estimator in single precision; the arg-max and the fit in the other types, and on every second bin."""
     estimators = _estimators(quick)
-    found = [jax_candidate(name, build) for name, build in estimators.items()]
+    found = [jax_candidate(name, build, most=FEW if name == SLOW else None) for name, build in estimators.items()]
     found.append(Candidate("default, all it observes", _prepare_default, {"detector": "default"}))
     fit = "pulse fit"
     for name in (fit,) if quick else ("arg-max", "soft-argmax ±0.5", fit):
@@ -86,12 +87,12 @@ def jax_candidates(quick: bool) -> Sequence[Candidate]:
     return found
 
 
-def jax_candidate(name: str, build: Build, dtype: str = "float32", thin: int = 1) -> Candidate:
-    """An estimator on sweeps of a type of number, every `thin`-th bin of them."""
+def jax_candidate(name: str, build: Build, dtype: str = "float32", thin: int = 1, most: int | None = None) -> Candidate:
+    """An estimator on sweeps of a type of number, every `thin`-th bin of them, `most` of them if it is slow."""
     extra = [*([dtype] if dtype != "float32" else []), *([f"every {thin}. bin"] if thin > 1 else [])]
     settings: dict[str, float | str] = {"estimator": name, "dtype": dtype, "thin": thin}
     return Candidate(
-        ", ".join([name, *extra]), partial(_prepare, build, dtype, thin), settings, default=name == DEFAULT
+        ", ".join([name, *extra]), partial(_prepare, build, dtype, thin, most), settings, default=name == DEFAULT
     )
 
 
@@ -107,14 +108,14 @@ def _position(estimator: PeakEstimator, sweep: Any, bin_m: Any) -> Any:
 _batch, _single = compiled(_positions), compiled(_position)
 
 
-def _prepare(build: Build, dtype: str, thin: int, data: Data) -> Program | None:
+def _prepare(build: Build, dtype: str, thin: int, most: int | None, data: Data) -> Program | None:
     inputs: EchoInputs = data.inputs
     if thin > 1 and inputs.fwhm / thin < 2.0:
         return None  # there would be too little left of the pulse
     double = dtype == "float64"
     with jax.enable_x64(double):
         estimator = build(inputs.fwhm / thin, inputs.bin_m * thin)
-        sweeps = jnp.asarray(np.ascontiguousarray(inputs.sweeps[:, ::thin]), TYPES[dtype])
+        sweeps = jnp.asarray(np.ascontiguousarray(inputs.sweeps[:most, ::thin]), TYPES[dtype])
         one = sweeps[len(sweeps) // 2]
         bin_m = np.asarray(inputs.bin_m * thin, np.float64 if double else np.float32)
 
@@ -122,7 +123,7 @@ def _prepare(build: Build, dtype: str, thin: int, data: Data) -> Program | None:
         with jax.enable_x64(double):
             return program(estimator, values, bin_m)
 
-    return Program(lambda: call(_batch, sweeps), data.items, lambda: call(_single, one))
+    return Program(lambda: call(_batch, sweeps), len(sweeps), lambda: call(_single, one))
 
 
 def _observed(detector: DefaultDetector, axis: RangeAxis, sweep: Any) -> Any:

@@ -39,7 +39,8 @@ def pulse_fit(sweeps: np.ndarray, fwhm: float) -> np.ndarray:
     near = np.clip(np.argmax(sweeps, axis=1), half, sweeps.shape[1] - half - 1)
     offset = np.arange(-half, half + 1) / sigma
     weight = np.exp(-0.5 * offset**2)
-    taps = np.take_along_axis(sweeps, near[:, None] + np.arange(-half, half + 1), axis=1)
+    windows = np.lib.stride_tricks.sliding_window_view(sweeps, 2 * half + 1, axis=1)
+    taps = windows[np.arange(len(sweeps)), near - half]
     moments = taps @ np.stack([weight, weight * offset, weight * (offset**2 - 1.0)], axis=1).astype(sweeps.dtype)
     with np.errstate(divide="ignore", invalid="ignore"):
         rise = moments[:, 1] / moments[:, 0]
@@ -91,15 +92,15 @@ def _vertices(sweeps: np.ndarray, tops: np.ndarray) -> np.ndarray:
     return inner + np.clip(offset, -1.0, 1.0)
 
 
-def peer_candidates(quick: bool) -> Sequence[Candidate]:
+def peer_candidates() -> Sequence[Candidate]:
     """Those that go sweep by sweep are given fewer sweeps."""
     ways: list[tuple[str, Way, int | None]] = [
         ("NumPy arg-max", arg_max, None),
         ("NumPy parabola", arg_max_parabola, None),
         ("NumPy pulse fit", pulse_fit, None),
         ("SciPy matched filter", matched_filter, None),
-        ("SciPy find_peaks", find_peaks, 500 if quick else 2000),
-        ("SciPy curve_fit", curve_fit, 100 if quick else 500),
+        ("SciPy find_peaks", find_peaks, 500),
+        ("SciPy curve_fit", curve_fit, 100),
     ]
     found = [Candidate(name, partial(_prepare, way, most), {"estimator": name}, peer=True) for name, way, most in ways]
     if importlib.util.find_spec("acconeer") is not None:

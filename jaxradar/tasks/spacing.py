@@ -60,7 +60,7 @@ class ScattererSpacing(Task):
             Candidate(
                 f"{1e3 * spacing:g} mm", partial(_prepare, spacing), {"spacing_m": spacing}, default=spacing == usual
             )
-            for spacing in (SPACINGS_M[1:6:2] if quick else SPACINGS_M)
+            for spacing in (SPACINGS_M[0:5:2] if quick else SPACINGS_M)
         ]
 
     def score(self, data: Data, answer: Any, items: int) -> Score:
@@ -78,7 +78,7 @@ class ScattererSpacing(Task):
             return 100.0 * float(ours.mean() / reference.mean() - 1.0)
 
         return Score(
-            drawn(lambda a, b: _deviation(level[a], true_level[b], echo)),
+            _root(drawn(lambda a, b: _deviation(level[a], true_level[b], echo)), level, true_level, echo),
             {
                 "level %": drawn(lambda a, b: share(level[a], true_level[b])),
                 "speckle %": drawn(lambda a, b: share(spread[a], true_spread[b])),
@@ -86,12 +86,21 @@ class ScattererSpacing(Task):
         )
 
 
-def _deviation(level: np.ndarray, true_level: np.ndarray, echo: np.ndarray) -> float:
-    """Of two sets of mean profiles, without what chance alone makes of it."""
+def _deviation(level: np.ndarray, true_level: np.ndarray, echo: np.ndarray, chances: float = 2.0) -> float:
+    """Mean square of the difference of two sets of mean profiles, without what chance alone makes of it; twice that in
+    sets that were drawn again out of sets that chance had made."""
     expected = true_level.mean(axis=0)
     ratio = level.mean(axis=0) / expected - 1.0
     by_chance = level.var(axis=0, ddof=1) / len(level) + true_level.var(axis=0, ddof=1) / len(true_level)
-    return 100.0 * float(np.sqrt(max(np.mean((ratio**2 - by_chance / expected**2)[echo]), 0.0)))
+    return float(np.mean((ratio**2 - chances * by_chance / expected**2)[echo]))
+
+
+def _root(square: Estimate, level: np.ndarray, true_level: np.ndarray, echo: np.ndarray) -> Estimate:
+    """In %; the value is that of the sets themselves."""
+    value = _deviation(level, true_level, echo, 1.0)
+    return Estimate(
+        *(100.0 * float(np.sqrt(max(one, 0.0))) for one in (value, min(square.low, value), max(square.high, value)))
+    )
 
 
 def _drawn(random: np.random.Generator, of: Callable[..., float], count: int, others: int) -> Estimate:

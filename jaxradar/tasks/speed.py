@@ -102,13 +102,8 @@ def _prepare(way: Callable[..., Any], data: Data, nominal: bool = False) -> Prog
     inputs: SpeedInputs = data.inputs
     ranges = jnp.asarray(inputs.range_m)
     dt = jnp.full_like(ranges, inputs.nominal_s) if nominal else jnp.asarray(inputs.dt)
-    one, its_dt = ranges[0], dt[0]
-    batch, single = compiled(jax.vmap(way)), compiled(way)
-    return Program(
-        lambda: batch(ranges, dt),
-        data.items,
-        lambda: single(one, its_dt),
-    )
+    batch = compiled(jax.vmap(way))
+    return Program(lambda: batch(ranges, dt), data.items)
 
 
 def _prepare_savgol(window: int, data: Data) -> Program:
@@ -118,7 +113,7 @@ def _prepare_savgol(window: int, data: Data) -> Program:
     def run(ranges: np.ndarray) -> np.ndarray:
         return np.asarray(signal.savgol_filter(ranges, window, 2, deriv=1, delta=inputs.nominal_s, mode="interp"))
 
-    return Program(lambda: run(inputs.range_m), data.items, lambda: run(inputs.range_m[:1]))
+    return Program(lambda: run(inputs.range_m), data.items)
 
 
 def _prepare_polyfit(window: int, order: int, data: Data) -> Program:
@@ -133,4 +128,5 @@ def _prepare_polyfit(window: int, order: int, data: Data) -> Program:
             slopes.append(np.polyfit(time - time[-1], ranges[-window:], order)[-2])
         return np.asarray(slopes)[:, None]
 
-    return Program(lambda: run(tracks), tracks * SWEEPS, lambda: run(1))
+    # One answer a track, where the others give one for each sweep.
+    return Program(lambda: run(tracks), tracks * SWEEPS, answers=tracks)

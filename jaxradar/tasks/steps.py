@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -13,8 +12,8 @@ import numpy as np
 
 from jaxradar._numerics import compiled
 from jaxradar.drive import Drive, RoadStep
-from jaxradar.evaluation import match_steps
-from jaxradar.pareto import Candidate, Case, Data, Program, Score, Task, percentile, proportion, rate
+from jaxradar.evaluation import MatchWindow, match_steps
+from jaxradar.pareto import Candidate, Case, Data, Estimate, Program, Score, Task, percentile, proportion, rate
 from jaxradar.sim import SURFACES, RoadScene, StepUp, drive_seeds, held_out_seeds, load_scene, simulate_batch
 from jaxradar.systems.step import (
     DefaultDetector,
@@ -31,7 +30,8 @@ from jaxradar.systems.step import (
 __all__ = ["StepDetection", "StepDrives", "StepInputs"]
 
 AFTER_S = 0.75  # until the sensor's line of sight meets the step
-FACTORS = tuple(2.0 ** (0.5 * step) for step in range(-4, 21))  # of a detector's own threshold
+EARLY = 0.2
+LOWEST, HIGHEST, HALVINGS = 0.25, 1024.0, 12  # times a detector's own threshold, within a third of a percent
 KMH = 3.6
 
 
@@ -44,7 +44,7 @@ class StepDrives(NamedTuple):
     lengths: np.ndarray
     times_s: np.ndarray
     steps: tuple[tuple[RoadStep, ...], ...]
-    allowed_s: np.ndarray  # the lead that geometry allows, NaN without a step
+    sight_s: np.ndarray  # from where the line of sight meets the step to the axle above it, NaN without a step
 
     @property
     def durations_s(self) -> np.ndarray:
@@ -62,7 +62,7 @@ class StepInputs:
     drives: StepDrives
 
 
-def _batch(drives: Sequence[Drive], allowed_s: Sequence[float]) -> StepDrives:
+def _batch(drives: Sequence[Drive], sight_s: Sequence[float]) -> StepDrives:
     series = [drive.sensors[0] for drive in drives]
     lengths = np.array([len(one) for one in series], np.int32)
     rows = int(lengths.max())
@@ -80,16 +80,18 @@ def _batch(drives: Sequence[Drive], allowed_s: Sequence[float]) -> StepDrives:
         lengths,
         padded([one.times_s for one in series]),
         tuple(drive.truth.steps if drive.truth else () for drive in drives),
-        np.asarray(allowed_s),
+        np.asarray(sight_s),
     )
 
 
 class StepDetection(Task):
     """Drives over a step up, and over none, on one surface at several speeds.
 
-    Each detector's threshold is set on tuning drives without a step, to the least on a grid of half octaves that
-    raises at most `false_alarms_per_s`; then it is held against drives of other seeds. A step counts as missed unless
-    `match_steps` finds a detection for it. The delay counts from when the sensor's line of sight meets the step.
+    Each detector's threshold is set on tuning drives without a step, to the least that raises at most
+    `false_alarms_per_s` there; then it is held against drives of other seeds. A step counts as missed unless a
+    detection comes between the moment at which the sensor's line of sight meets it (`EARLY` of that time before, as the
+    beam is broad) and the tyre's touch. The delay counts from that moment; "by luck" is the share of the steps that
+    detections at the rate of the false alarms would find.
     """
 
     name = "steps"
@@ -140,7 +142,7 @@ class StepDetection(Task):
         held = simulate_batch([*over, *quiet], held_out_seeds(self.seed, len(over) + len(quiet)))
         tuning = simulate_batch(quiet, drive_seeds(self.seed, len(quiet)))
         nothing = [math.nan] * len(quiet)
-        drives = _batch(held, [*map(_allowed_s, over), *nothing])
+        drives = _batch(held, [*map(_sight_s, over), *nothing])
         inputs = StepInputs(RangeAxis.of(held[0].sensors[0].range_m), _batch(tuning, nothing), drives)
         return Data(inputs, drives.steps, int(drives.lengths.sum()))
 
@@ -176,31 +178,44 @@ class StepDetection(Task):
     def _tuned(self, detector: StepDetector[Any, Any], inputs: StepInputs) -> StepDetector[Any, Any]:
         most = self.false_alarms_per_s * float(inputs.tuning.durations_s.sum())
 
-        def tuned(place: int) -> StepDetector[Any, Any]:
-            return detector.with_threshold(FACTORS[place] * float(detector.threshold))
+        def tuned(factor: float) -> StepDetector[Any, Any]:
+            return detector.with_threshold(factor * float(detector.threshold))
 
-        def quiet(place: int) -> bool:
-            return sum(map(len, _events(tuned(place), inputs.axis, inputs.tuning))) <= most
+        def quiet(factor: float) -> bool:
+            return sum(map(len, _events(tuned(factor), inputs.axis, inputs.tuning))) <= most
 
-        # The higher the threshold, the fewer.
-        place = bisect.bisect_left(range(len(FACTORS)), True, key=quiet)
-        if place == len(FACTORS):
-            raise ValueError(f"not even {FACTORS[-1]:g} times its threshold keeps false alarms that rare.")
-        return tuned(place)
+        low, high = LOWEST, HIGHEST
+        if quiet(low):
+            return tuned(low)
+        if not quiet(high):
+            raise ValueError(f"not even {HIGHEST:g} times its threshold keeps false alarms that rare.")
+        for _ in range(HALVINGS):
+            middle = math.sqrt(low * high)
+            low, high = (low, middle) if quiet(middle) else (middle, high)
+        return tuned(high)
 
     def score(self, data: Data, answer: Any, items: int) -> Score:
         drives: StepDrives = data.inputs.drives
         missed = steps = false = 0
         leads: list[float] = []
         delays: list[float] = []
-        for place, times in enumerate(answer):
-            found = match_steps(times, drives.steps[place])
+        reach: list[float] = []
+        for times, its_steps, sight_s in zip(answer, drives.steps, drives.sight_s, strict=True):
+            if not its_steps:
+                false += len(times)
+                continue
+            window = MatchWindow((1.0 + EARLY) * float(sight_s), 0.0)
+            found = match_steps(times, its_steps, window=window)
             steps, missed = steps + len(found.steps), missed + found.misses
+            reach.append(window.seconds)
             leads += found.lead_s
-            delays += [float(drives.allowed_s[place]) - lead for lead in found.lead_s]
-            false += 0 if found.steps else found.false_alarms
+            delays += [float(times[hit]) - AFTER_S for hit in found.hit_by if hit is not None]
         quiet_s = sum(time for time, its in zip(drives.durations_s, drives.steps, strict=True) if not its)
-        details = {"false alarms/s": rate(false, float(quiet_s))}
+        alarms = rate(false, float(quiet_s))
+        luck = [
+            100.0 * float(-np.expm1(-one * np.array(reach)).mean()) for one in (alarms.value, alarms.low, alarms.high)
+        ]
+        details = {"false alarms/s": alarms, "by luck %": Estimate(*luck)}
         if leads:
             details["lead ms"] = percentile(np.array(leads), 50.0).scaled(1e3)
             details["delay ms"] = percentile(np.array(delays), 50.0).scaled(1e3)
@@ -220,7 +235,7 @@ def _over(base: RoadScene, speed_kmh: float, height_m: float) -> RoadScene:
     return dataclasses.replace(base, motion=motion, road=(StepUp(at_m=at_m, height_m=height_m),))
 
 
-def _allowed_s(scene: RoadScene) -> float:
+def _sight_s(scene: RoadScene) -> float:
     """From when the line of sight meets the step until its axle is above it; the tyre touches it earlier."""
     mount = scene.mount
     ahead = float(mount.front_wheel_m) + float(mount.height_m) / math.tan(math.radians(float(mount.angle_deg)))
