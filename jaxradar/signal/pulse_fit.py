@@ -19,9 +19,9 @@ from jaxradar.signal.pulses import SIGMA_PER_FWHM
 __all__ = ["NARROWEST", "PulseFit"]
 
 TEMPLATE_REACH = 1.5  # widths to either side: what lies beyond has a weight of 2e-3 and less
-SEARCH_SHARE = 0.8  # of the width: the box with the most of a Gaussian in white noise is about as wide as that
+SEARCH_SHARE = 1.2  # of the width: the box that holds most of a Gaussian over white noise, 2.8 standard deviations
 NARROWEST = 1.0  # bins; a narrower template sees one bin alone
-MOST_SHIFTS, COARSE_SHIFTS = 7, 5  # of which a running sum is made; a wider one is made of sums over several bins
+MOST_SHIFTS, COARSE_SHIFTS = 9, 5  # of which a running sum is made; a wider one is made of sums over several bins
 _SMALL = 2.0**-10  # so that no sum of finite amplitudes overflows
 
 

@@ -51,9 +51,9 @@ def _estimators(quick: bool) -> dict[str, Build]:
         "soft-argmax ±1.1": lambda width, bin_m: SoftArgmax(0.1, half_width=_taps(width, 1.1)),
         "soft-argmax, all bins": lambda width, bin_m: SoftArgmax(0.1),
         "pulse fit from a bin": lambda width, bin_m: PulseFit(width, _taps(width, 1.1), 1),
-        "pulse fit": lambda width, bin_m: PulseFit(width, _taps(width, 1.1), _taps(width, 0.8)),
+        "pulse fit": lambda width, bin_m: PulseFit(width, _taps(width, 1.1), _taps(width, 1.2)),
         "pulse fit, template ×0.5": lambda width, bin_m: PulseFit(
-            0.5 * width, _taps(width, 0.5 * 1.5), _taps(width, 0.8)
+            0.5 * width, _taps(width, 0.5 * 1.5), _taps(width, 1.2)
         ),
         DEFAULT: _default,
     }
@@ -63,10 +63,10 @@ def _estimators(quick: bool) -> dict[str, Build]:
             "soft-argmax ±0.5, soft": lambda width, bin_m: SoftArgmax(0.3, half_width=_taps(width, 0.5)),
             "soft-argmax ±1.1, soft": lambda width, bin_m: SoftArgmax(0.3, half_width=_taps(width, 1.1)),
             "pulse fit, template ×0.3": lambda width, bin_m: PulseFit(
-                0.3 * width, _taps(width, 0.3 * 1.5), _taps(width, 0.8)
+                0.3 * width, _taps(width, 0.3 * 1.5), _taps(width, 1.2)
             ),
             "pulse fit, template ×1.5": lambda width, bin_m: PulseFit(
-                1.5 * width, _taps(width, 1.5 * 1.5), _taps(width, 0.8)
+                1.5 * width, _taps(width, 1.5 * 1.5), _taps(width, 1.2)
             ),
             "matched filter ±1.5": lambda width, bin_m: MatchedFilter(width, half_width=_taps(width, 1.5)),
             SLOW: lambda width, bin_m: MatchedFilter(width),

@@ -36,7 +36,7 @@ class ScattererSpacing(Task):
         self.roads, self.seed = roads, seed
 
     def cases(self, quick: bool = False) -> Sequence[Case]:
-        roads = self.roads or (12 if quick else 48)
+        roads = self.roads or (6 if quick else 48)
         names = ("flat-asphalt",) if quick else ("flat-asphalt", "flat-wet-asphalt", "flat-grass")
         return [self._case(name, roads) for name in names]
 

@@ -252,7 +252,8 @@ def _events(detector: StepDetector[Any, Any], axis: RangeAxis, drives: StepDrive
 def _single(detector: StepDetector[Any, Any], axis: RangeAxis, drives: StepDrives) -> Any:
     """One sweep at a time, as a car does it."""
 
-    def step(detector: Any, state: Any, sweep: Any, flags: Any, dt: Any) -> Any:
+    # The axis is an argument: NumPy's array in a program's closure would be single for all later programs (jax 0.10).
+    def step(detector: Any, axis: Any, state: Any, sweep: Any, flags: Any, dt: Any) -> Any:
         return detector.track(axis, state, detector.observe(axis, sweep, flags), None, dt)
 
     program = compiled(step)
@@ -261,6 +262,6 @@ def _single(detector: StepDetector[Any, Any], axis: RangeAxis, drives: StepDrive
 
     def call() -> Any:
         with precision(detector):
-            return program(detector, state, drives.sweeps[0, 0], drives.flags[0, 0], drives.dt[0, 1])
+            return program(detector, axis, state, drives.sweeps[0, 0], drives.flags[0, 0], drives.dt[0, 1])
 
     return call
