@@ -36,7 +36,8 @@ class Case:
     - `about`: what it is, in a few words; `conditions`: the same as numbers.
     - `bound_name`: whose bound it is. `attainable(level)`: the least error at another level of its series, in the
       task's unit, where theory knows more than the bound; `threshold`: the level below which nobody meets the bound.
-    - `series`, `level`: cases that differ in one number alone (SNR) bear one series' name and that number.
+    - `series`, `level`: cases that differ in one number alone (SNR) bear one series' name and that number;
+      `level_name`: what it is, with its unit.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Case:
     bound_name: str = ""
     series: str = ""
     level: float | None = None
+    level_name: str = ""
     attainable: Callable[[float], float] | None = None
     threshold: float | None = None
 

@@ -71,7 +71,7 @@ def _draw_levels(axes: Axes, held: Sequence[CaseResult]) -> None:
     axes.set_yscale("log")
     _plain(axes)
     axes.set_xlim(min(left, first.threshold or left), right)
-    axes.set_xlabel("SNR in one bin, 20 log₁₀(A/σ) (dB)")
+    axes.set_xlabel(first.level_name)
     axes.legend(loc="upper right")
 
 
@@ -158,7 +158,10 @@ def _scatter(axes: Axes, frontier: Frontier, result: CaseResult) -> None:
     else:
         axes.set_xlabel(f"{frontier.cost_name} ({frontier.cost_unit})")
     axes.set_ylabel(f"{frontier.error_name} ({frontier.unit}), and 95 % interval")
+    costs = [point.cost.value for point in result.points]
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if max(costs) < 30.0 * min(costs) else (1.0,)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda cost, _: _tick(frontier, cost)))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     _plain(axes)
     _label(axes, labels)
     axes.figure.legend(loc="outside lower center", ncols=5)

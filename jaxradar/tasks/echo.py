@@ -94,6 +94,7 @@ class _Kind:
             bound_name="Cramér-Rao",
             series=self.about,
             level=self.snr_db,
+            level_name="SNR in one bin, 20 log₁₀(A/σ) (dB)",
             attainable=(lambda snr_db: MILLIMETRES * total_error_m(snr_db, *shape, length_m)) if plain else None,
             threshold=threshold_snr_db(*shape, length_m) if plain else None,
         )
