@@ -28,7 +28,7 @@ TYPES: dict[str, Any] = {
     "float64": jnp.float64,
 }
 DEFAULT, SLOW = "default's fit", "matched filter, all bins"
-FEW = 2000  # sweeps for the slow one
+FEW = 200_000  # bins for the slow one
 Build = Callable[[float, float], PeakEstimator]  # from the width in bins that is known, and a bin in metres
 
 
@@ -88,7 +88,7 @@ def jax_candidates(quick: bool) -> Sequence[Candidate]:
 
 
 def jax_candidate(name: str, build: Build, dtype: str = "float32", thin: int = 1, most: int | None = None) -> Candidate:
-    """An estimator on sweeps of a type of number, every `thin`-th bin of them, `most` of them if it is slow."""
+    """An estimator on sweeps of a type of number, every `thin`-th bin of them, of so many sweeps as make up `most` bins if it is slow."""
     extra = [*([dtype] if dtype != "float32" else []), *([f"every {thin}. bin"] if thin > 1 else [])]
     settings: dict[str, float | str] = {"estimator": name, "dtype": dtype, "thin": thin}
     return Candidate(
@@ -113,6 +113,7 @@ def _prepare(build: Build, dtype: str, thin: int, most: int | None, data: Data) 
     if thin > 1 and inputs.fwhm / thin < 2.0:
         return None  # there would be too little left of the pulse
     double = dtype == "float64"
+    most = None if most is None else max(most // inputs.sweeps.shape[1], 1)
     with jax.enable_x64(double):
         estimator = build(inputs.fwhm / thin, inputs.bin_m * thin)
         sweeps = jnp.asarray(np.ascontiguousarray(inputs.sweeps[:most, ::thin]), TYPES[dtype])
