@@ -73,6 +73,7 @@ def test_the_demo_leaves_a_recording_alone(tmp_path: Path, capsys: pytest.Captur
     assert (tmp_path / "log" / "3.csv").read_bytes() == before
 
 
+@pytest.mark.long
 def test_view_draws_each_sensor_and_says_where(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_log(trial_drive(), tmp_path / "log")
     arguments = ["view", str(tmp_path / "log"), "-o", str(tmp_path / "f"), "--detector", "thesis", "--stop", "1"]

@@ -39,6 +39,7 @@ def scene(tmp_path: Path) -> str:
     return str(path)
 
 
+@pytest.mark.long
 def test_drives_are_the_same_bytes_for_the_same_seed(
     scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -82,6 +83,7 @@ def rainy(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_explain_says_what_matters(rainy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = rainy
     assert main(["simulate", str(path), "--explain", "--json"]) == 0

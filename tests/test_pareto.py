@@ -207,7 +207,15 @@ def test_cost_may_be_something_else_than_time() -> None:
 def test_levels_are_drawn_where_there_are_three_of_a_series() -> None:
     def result(level: float, error: float) -> CaseResult:
         case = Case(
-            f"{level:g} dB", lambda: Data(None, None, 1), "numbers", {}, "B", "numbers", level, lambda x: 2.0, 5.0
+            f"{level:g} dB",
+            lambda: Data(None, None, 1),
+            "numbers",
+            bound_name="B",
+            series="numbers",
+            level=level,
+            level_name="level (dB)",
+            attainable=lambda x: 2.0,
+            threshold=5.0,
         )
         points = (point("ours", (0.9 * error, error, 1.1 * error), (9, 10, 11)),)
         return CaseResult(case, 1.0, points, {})
@@ -218,6 +226,7 @@ def test_levels_are_drawn_where_there_are_three_of_a_series() -> None:
     assert figure is not None
     (axes,) = figure.axes
     assert figure.get_suptitle() == "From 20 dB on, ours is within 10% of the bound"
+    assert axes.get_xlabel() == "level (dB)"
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert labels == ["threshold of gross errors", "B bound", "attainable", "ours"]
     assert plot_levels(dataclasses.replace(found, results=results[:2])) is None

@@ -73,6 +73,7 @@ def test_correlations_equal_a_float64_oracle(precision: str) -> None:
     np.testing.assert_allclose(shifted_correlations(a, b, 5), wanted, atol=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("one", [np.zeros(64), profile(30)], ids=["silent", "echo"])
 @pytest.mark.parametrize("other", [np.zeros(64), profile(30), profile(63)], ids=["silent", "same", "edge"])
 def test_values_and_gradients_are_finite(one: np.ndarray, other: np.ndarray, precision: str) -> None:

@@ -183,6 +183,7 @@ def test_wide_parabola_beats_three_points_on_rough_bins() -> None:
     assert rmse(Parabola(reach=3)) < 0.6 * rmse(Parabola())
 
 
+@pytest.mark.long
 def test_matched_filter_reaches_the_cramer_rao_bound() -> None:
     """var = 2 s Δ σ² / (√π A²) for a Gaussian pulse in white noise; here at 30 dB, 2,000 sweeps."""
     generator, noise = np.random.default_rng(2), 3000.0 / 10**1.5

@@ -265,6 +265,7 @@ def test_in_a_bend_the_beam_leans_inwards(radius):
 # -- hard cases ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_step_of_no_height_is_no_step():
     flat = dataclasses.replace(STEPPED, road=(sim.StepUp(at_m=1.2, height_m=0.0),))
     drive = sim.simulate(flat)
@@ -289,6 +290,7 @@ def test_a_step_at_the_start_standing_and_in_reverse(speed, at):
         )
 
 
+@pytest.mark.long
 def test_backwards_over_a_step_is_a_step_down_and_the_left_wheel_is_first_at_a_slanted_edge():
     back = dataclasses.replace(STEPPED, road=(sim.StepUp(at_m=-0.5),), motion=sim.CarMotion(-3.0))
     (step,) = sim.simulate(back).truth.steps

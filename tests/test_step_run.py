@@ -49,7 +49,11 @@ def batch(padded_to: int, filler: int):
     return sweeps, flags, dt, np.array([len(part) for part in parts])
 
 
-@pytest.mark.parametrize("name", DETECTORS)
+# The default compiles for many seconds at each shape; `test_stability.py` looks at its hard cases too.
+DEFAULT_LATER = [pytest.param(name, marks=pytest.mark.long) if name == "default" else name for name in DETECTORS]
+
+
+@pytest.mark.parametrize("name", DEFAULT_LATER)
 @pytest.mark.parametrize(("padded_to", "filler"), [(50, 0), (64, 60000)])
 def test_padded_batch_equals_single_logs(name: str, padded_to: int, filler: int) -> None:
     detector = DETECTORS[name]()
@@ -84,6 +88,7 @@ def test_one_sweep_at_a_time_equals_the_scan(name: str) -> None:
     np.testing.assert_allclose([one.statistic for one in decisions], whole.statistic, atol=1e-5)
 
 
+@pytest.mark.long
 def test_events_in_a_batch_do_not_hang_on_its_order() -> None:
     sweeps, flags, dt, lengths = batch(64, 0)
     order = [2, 0, 3, 1]
@@ -212,7 +217,7 @@ INVALID_BY_DEFAULT = {"all zero", "constant", "constant floats", "saturated", "a
 
 
 @pytest.mark.parametrize("case", HARD)
-@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("name", DEFAULT_LATER)
 def test_hard_cases_by_value_and_flag(name: str, case: str) -> None:
     log = HARD[case]()
     trace = detect(DETECTORS[name](), log)
@@ -243,8 +248,7 @@ GRADIENTS = jax.jit(jax.grad(_total, argnums=(0, 2)))
 
 
 @pytest.mark.parametrize("case", [case for case in HARD if case not in ("no sweep", "one sweep", "float32")])
-# The default detector's gradient takes a quarter of a minute to compile for each shape.
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.long) if n == "default" else n for n in DETECTORS])
+@pytest.mark.parametrize("name", DEFAULT_LATER)
 def test_hard_cases_by_gradient(name: str, case: str, precision: str) -> None:
     """Of the ranges and statistics, with respect to every setting and every amplitude."""
     if DETECTORS[name].float64 and precision == "float32":
@@ -261,6 +265,7 @@ def test_thin_refuses_more_bins_than_there_are() -> None:
         thin(over_a_step(), 129)
 
 
+@pytest.mark.long
 def test_soft_events_tend_to_the_hard_threshold_and_carry_its_gradient() -> None:
     log, detector = over_a_step(), DefaultDetector()
     decisions = jax.jit(run)(detector, AXIS, log.sweeps, log.flags, time_steps(log.times_ns))
