@@ -132,6 +132,8 @@ def pulse_fit(sweep: np.ndarray, fwhm: float, near: int | None, half_width: int,
     if near is None:
         width = min(search | 1, max(1, (len(values) // 3 - 1) | 1))
         sums = np.convolve(values, np.ones(width), "valid")
+        unknown = np.convolve(~np.isfinite(np.asarray(sweep, np.float64)), np.ones(width), "valid") > 0
+        sums = np.where(unknown, 0.0, sums)  # a sum over what is no number does not count
         begin = [int(one) + width // 2 for one in np.flatnonzero(sums >= sums.max() - EQUAL * abs(sums.max()))]
     answers = [_one_step(values, fwhm, at, half_width) for at in begin]
     return answers[0] | {"position": np.array([one["position"] for one in answers])}
