@@ -90,7 +90,7 @@ def test_the_fit_meets_the_bound(echoes: pareto.Frontier, case: str) -> None:
 @pytest.mark.long
 def test_the_fit_meets_the_bound_in_every_type() -> None:
     task = EchoRange()
-    held = [one for one in task.candidates(quick=True) if one.settings.get("estimator") == "pulse fit"]
+    held = [one for one in task.candidates() if one.settings.get("estimator") == "pulse fit"]
     for result in pareto.measure(task, held, quick=True, count=3).results:
         assert {point.settings["dtype"] for point in result.points} == {"float16", "bfloat16", "float32", "float64"}
         for point in result.points:

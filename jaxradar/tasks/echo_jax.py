@@ -81,7 +81,8 @@ def jax_candidates(quick: bool) -> Sequence[Candidate]:
     found.append(Candidate("default, all it observes", _prepare_default, {"detector": "default"}))
     fit = "pulse fit"
     for name in (fit,) if quick else ("arg-max", "soft-argmax ±0.5", fit):
-        found += [jax_candidate(name, estimators[name], dtype) for dtype in TYPES if dtype != "float32"]
+        types = ("float16",) if quick else ("float16", "bfloat16", "float64")
+        found += [jax_candidate(name, estimators[name], dtype) for dtype in types]
     for step in (2,) if quick else (2, 4):
         found.append(jax_candidate(fit, estimators[fit], thin=step))
     return found

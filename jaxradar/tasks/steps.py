@@ -31,7 +31,7 @@ __all__ = ["StepDetection", "StepDrives", "StepInputs"]
 
 AFTER_S = 0.75  # until the sensor's line of sight meets the step
 EARLY = 0.2
-LOWEST, HIGHEST, HALVINGS = 0.25, 1024.0, 12  # times a detector's own threshold, within a third of a percent
+LOWEST, HIGHEST, HALVINGS = 0.25, 1024.0, 9  # times a detector's own threshold, within 2 %
 KMH = 3.6
 
 
