@@ -31,11 +31,11 @@ def test_writes_json_and_pictures_and_prints_a_table(tmp_path: Path, capsys: pyt
     ("arguments", "said"),
     [
         (["rnage"], "no task `rnage` (did you mean `range`?)"),
-        (["--error", "1"], "name the task"),
+        (["all", "--error", "1"], "name the task"),
         (["range", "--error", "-1"], "expected a number > 0"),
         (["range", "--rounds", "2"], ">= 3"),
         (["speed", "--case", "nowhere"], "no case 'nowhere'"),
-        (["--case", "white 20 dB"], "name the task"),
+        (["all", "--case", "white 20 dB"], "name the task"),
     ],
 )
 def test_says_what_is_wrong(

@@ -27,8 +27,8 @@ Measure what accuracy costs in time, on this machine: error and time of every
 way of doing a task, who is on the front, and what theory bounds.
 
 TASK is range (of one echo), speed (from ranges), steps (in the road), spacing
-(of a simulated road's scatterers), or several; all if none is named. Written
-to DIR for each task: TASK.json with all figures, and a picture of each case.
+(of a simulated road's scatterers), several of them, or all. Written to DIR for
+each task: TASK.json with all figures, and a picture of each case.
 Times are of this machine as busy as it is: leave it alone meanwhile."""
 _EXAMPLE = """\
 jaxradar frontier range -o frontier --quick
@@ -40,7 +40,7 @@ def add_to(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> Non
     parser = add_command(
         commands, "frontier", _run, summary="what accuracy costs in time", description=_DESCRIPTION, example=_EXAMPLE
     )
-    parser.add_argument("tasks", nargs="*", metavar="TASK", help=f"any of {', '.join(_TASKS)} (default: all)")
+    parser.add_argument("tasks", nargs="*", metavar="TASK", help=f"any of {', '.join(_TASKS)}, or all (default: range)")
     parser.add_argument("-o", "--output", metavar="DIR", help="folder for figures and pictures")
     parser.add_argument("--quick", action="store_true", help="fewer cases, candidates and rounds: under a minute")
     parser.add_argument("--rounds", type=whole(3, 10_000), metavar="N", help="of timing (default: 11, quick 5)")
@@ -62,11 +62,11 @@ def _run(args: argparse.Namespace) -> int:
     from jaxradar.pareto import to_json
 
     for name in args.tasks:
-        if name not in _TASKS:
-            raise ConfigError(f"no task `{name}`{nearest(name, _TASKS)}; expected {', '.join(_TASKS)}.")
-    names = list(dict.fromkeys(args.tasks)) or list(_TASKS)
+        if name not in (*_TASKS, "all"):
+            raise ConfigError(f"no task `{name}`{nearest(name, _TASKS)}; expected {', '.join(_TASKS)} or all.")
+    names = list(_TASKS) if "all" in args.tasks else list(dict.fromkeys(args.tasks)) or [_TASKS[0]]
     if args.list:
-        _list(names, args.quick)
+        _list(names if args.tasks else _TASKS, args.quick)
         return 0
     if args.output is None:
         raise ConfigError("expected --output DIR for figures and pictures, or --list.")

@@ -46,19 +46,19 @@ def _estimators(quick: bool) -> dict[str, Build]:
     held: dict[str, Build] = {
         "arg-max": lambda width, bin_m: ArgMax(),
         "parabola": lambda width, bin_m: Parabola(),
-        "parabola ±0.3": lambda width, bin_m: Parabola(_taps(width, 0.3)),
         "soft-argmax ±0.5": lambda width, bin_m: SoftArgmax(0.1, half_width=_taps(width, 0.5)),
-        "soft-argmax ±1.1": lambda width, bin_m: SoftArgmax(0.1, half_width=_taps(width, 1.1)),
         "soft-argmax, all bins": lambda width, bin_m: SoftArgmax(0.1),
         "pulse fit from a bin": lambda width, bin_m: PulseFit(width, _taps(width, 1.1), 1),
         "pulse fit": lambda width, bin_m: PulseFit(width, _taps(width, 1.1), _taps(width, 1.2)),
-        "pulse fit, template ×0.5": lambda width, bin_m: PulseFit(
-            0.5 * width, _taps(width, 0.5 * 1.5), _taps(width, 1.2)
-        ),
         DEFAULT: _default,
     }
     if not quick:
         held |= {
+            "pulse fit, template ×0.5": lambda width, bin_m: PulseFit(
+                0.5 * width, _taps(width, 0.5 * 1.5), _taps(width, 1.2)
+            ),
+            "parabola ±0.3": lambda width, bin_m: Parabola(_taps(width, 0.3)),
+            "soft-argmax ±1.1": lambda width, bin_m: SoftArgmax(0.1, half_width=_taps(width, 1.1)),
             "parabola ±0.6": lambda width, bin_m: Parabola(_taps(width, 0.6)),
             "soft-argmax ±0.5, soft": lambda width, bin_m: SoftArgmax(0.3, half_width=_taps(width, 0.5)),
             "soft-argmax ±1.1, soft": lambda width, bin_m: SoftArgmax(0.3, half_width=_taps(width, 1.1)),
@@ -89,7 +89,8 @@ def jax_candidates(quick: bool) -> Sequence[Candidate]:
 
 
 def jax_candidate(name: str, build: Build, dtype: str = "float32", thin: int = 1, most: int | None = None) -> Candidate:
-    """An estimator on sweeps of a type of number, every `thin`-th bin of them, of so many sweeps as make up `most` bins if it is slow."""
+    """An estimator on sweeps of a type of number, every `thin`-th bin of them; of so many sweeps as make up `most` bins
+    if it is slow."""
     extra = [*([dtype] if dtype != "float32" else []), *([f"every {thin}. bin"] if thin > 1 else [])]
     settings: dict[str, float | str] = {"estimator": name, "dtype": dtype, "thin": thin}
     return Candidate(

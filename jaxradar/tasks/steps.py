@@ -109,7 +109,7 @@ class StepDetection(Task):
         speeds_kmh: Sequence[float] = (10.0, 20.0, 30.0, 40.0),
         heights_m: Sequence[float] = (0.02, 0.04, 0.06),
     ) -> None:
-        """`drives`: of each speed and height, and three times as many without a step of each speed; 20, or 12 if quick.
+        """`drives`: of each speed and height, and three times as many without a step of each speed; 20, or 8 if quick.
         Raises `ValueError` for a rate that is not above 0."""
         if not false_alarms_per_s > 0:
             raise ValueError(f"`StepDetection(false_alarms_per_s=...)` must be > 0; got {false_alarms_per_s}.")
@@ -119,7 +119,7 @@ class StepDetection(Task):
     def cases(self, quick: bool = False) -> Sequence[Case]:
         """One surface each; if `quick` the first, at two speeds and one height."""
         if quick:
-            return [self._case(self.surfaces[0], self.speeds_kmh[1:3], self.heights_m[1:2], self.drives or 12)]
+            return [self._case(self.surfaces[0], self.speeds_kmh[1:3], self.heights_m[1:2], self.drives or 8)]
         return [self._case(name, self.speeds_kmh, self.heights_m, self.drives or 20) for name in self.surfaces]
 
     def _case(self, surface: str, speeds: Sequence[float], heights: Sequence[float], count: int) -> Case:
