@@ -230,6 +230,10 @@ def test_levels_are_drawn_where_there_are_three_of_a_series() -> None:
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert labels == ["threshold of gross errors", "B bound", "attainable", "ours"]
     assert plot_levels(dataclasses.replace(found, results=results[:2])) is None
+    gap = tuple(result(level, error) for level, error in ((0, 1.0), (20, 5.0), (40, 1.05)))
+    between = plot_levels(dataclasses.replace(found, results=gap))
+    assert between is not None
+    assert between.get_suptitle() == "Nobody is near the bound at the two highest levels"
 
 
 def test_a_case_is_drawn_with_its_bound_front_and_labels() -> None:

@@ -93,19 +93,18 @@ def _curves(held: Sequence[CaseResult]) -> list[str]:
 
 
 def _level_message(held: Sequence[CaseResult]) -> str:
-    """From which level on who is at the bound."""
-    best = _curves(held)
-    for name in best:
-        meets = [
-            one.case.level
-            for one in held
-            for point in one.points
-            if point.candidate == name and one.bound and point.error.value <= CLOSE * one.bound
-        ]
-        above = [level for level in meets if level is not None]
-        if len(above) > 1:
-            return f"From {min(above):g} dB on, {name} is within {CLOSE - 1.0:.0%} of the bound"
-    return "Nobody is near the bound at more than one level"
+    """From which level on, without a gap, who is at the bound."""
+    unit = held[0].case.level_name.rpartition("(")[2].rstrip(")")
+    for name in _curves(held):
+        meets = []
+        for one in reversed(held):
+            errors = [point.error.value for point in one.points if point.candidate == name]
+            if not (errors and one.bound and errors[0] <= CLOSE * one.bound):
+                break
+            meets.append(one.case.level or 0.0)
+        if len(meets) > 1:
+            return f"From {meets[-1]:g} {unit} on, {name} is within {CLOSE - 1.0:.0%} of the bound"
+    return "Nobody is near the bound at the two highest levels"
 
 
 def _scatter(axes: Axes, frontier: Frontier, result: CaseResult) -> None:
