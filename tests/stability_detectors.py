@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import stability_oracles as oracles
-from stability_table import Case, Inputs, scalars
+from stability_case import Case, Inputs, scalars
 
 from jaxradar.drive import SweepFlag
 from jaxradar.systems.step import (

@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import hard_inputs as hard
 import jax
 import numpy as np
-from stability_table import Case, all_cases, derivatives, stacked
+from stability_case import Case, derivatives, stacked
+from stability_table import all_cases
 
 GOLDEN = Path(__file__).parent / "data" / "stability.txt"
 EPS = float(np.finfo(np.float32).eps)

@@ -245,7 +245,7 @@ def test_a_case_is_drawn_with_its_bound_front_and_labels() -> None:
     case = Case("case", lambda: Data(None, None, 1), "numbers", bound_name="B")
     found = held()
     figure = plot_case(found, CaseResult(case, 1.0, points, {}))
-    assert figure.get_suptitle() == "Within 10% of the bound in 10.0 ns a sweep; others take 10 times as long"
+    assert figure.get_suptitle() == "Within 10% of the bound in 10.0 ns; theirs takes 10 times that"
     (axes,) = figure.axes
     texts = {text.get_text() for text in axes.texts}
     assert texts == {"ours", "theirs"}

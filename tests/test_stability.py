@@ -11,8 +11,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from public_names import ELSEWHERE, NOT_NUMERIC, offering_modules, public_names
+from stability_case import loss, stacked
+from stability_estimators import estimator_kinds
 from stability_report import BENT, UNHURRIED, allowed, golden, measure
-from stability_table import NOT_NUMERIC, all_cases, estimator_kinds, loss, public_names, stacked
+from stability_table import all_cases
 
 CASES = all_cases()
 QUICK = [name for name, case in CASES.items() if case.quick]
@@ -34,11 +37,11 @@ def test_every_public_function_is_in_the_table_or_has_a_reason() -> None:
     for name, reason in NOT_NUMERIC.items():
         if reason.startswith("abstract"):
             assert inspect.isabstract(names[name])
+    assert sorted(set(ELSEWHERE) - {name.partition(".")[0] for name in offering_modules()}) == []
 
 
 # By properties rather than by a table of inputs.
 OTHERWISE_TESTED = {
-    "sim.render": "test_stability_scenes.py",
     "systems.step.detect_batch": "test_stability_properties.py",
 }
 

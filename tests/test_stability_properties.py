@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from stability_table import estimator_kinds
+from stability_estimators import estimator_kinds
 
 from jaxradar._numerics import soft_exceeds
 from jaxradar.drive import SweepFlag

@@ -17,6 +17,7 @@ __all__ = ["plot_case", "plot_levels"]
 
 CLOSE = 1.1  # times the bound: what counts as meeting it
 LABEL_GAP = 0.052  # of the picture's height, between two labels
+LETTER = 0.012  # of the picture's width
 ABOVE = 0.03  # clear of the error bars
 INK = {ORANGE: "#8A5A00", GREY: "#333333"}  # what is too light for letters
 MOST_CURVES = 5
@@ -132,23 +133,28 @@ def _scatter(axes: Axes, frontier: Frontier, result: CaseResult) -> None:
         if point.candidate in named:
             labels.append((x, y, point.candidate, color))
     front = result.front
-    axes.step(
-        [point.cost.value for point in front],
-        np.minimum.accumulate([max(point.error.value, floor) for point in front]),
-        where="post",
-        color=BLUE,
-        lw=1.0,
-        alpha=0.7,
-        label="front",
-    )
+    if len(front) > 1:
+        axes.step(
+            [point.cost.value for point in front],
+            np.minimum.accumulate([max(point.error.value, floor) for point in front]),
+            where="post",
+            color=BLUE,
+            lw=1.0,
+            alpha=0.7,
+            label="front",
+        )
     if result.bound:
         axes.axhline(result.bound, color=BLACK, lw=1.4, label=f"{result.case.bound_name} bound")
-    for color, marker, name in (
-        (BLUE, "o", "jaxradar"),
-        (VERMILION, "D", "jaxradar's default"),
-        (ORANGE, "s", "others"),
-    ):
-        axes.plot([], [], color=color, marker=marker, ls="none", label=name)
+    kinds = {
+        (BLUE, "o"): "jaxradar",
+        (VERMILION, "D"): "jaxradar's default",
+        (ORANGE, "s"): "others",
+        (GREY, "o"): "beaten",
+    }
+    shown = {_look(point)[:2] for point in result.points}
+    for (color, marker), name in kinds.items():
+        if (color, marker) in shown:
+            axes.plot([], [], color=color, marker=marker, ls="none", label=name)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(0.08, 0.14)
@@ -162,8 +168,8 @@ def _scatter(axes: Axes, frontier: Frontier, result: CaseResult) -> None:
     axes.xaxis.set_major_formatter(FuncFormatter(lambda cost, _: _tick(frontier, cost)))
     axes.xaxis.set_minor_formatter(NullFormatter())
     _plain(axes)
-    _label(axes, labels)
-    axes.figure.legend(loc="outside lower center", ncols=5)
+    _label(axes, labels, [(point.cost.value, max(point.error.value, floor)) for point in result.points])
+    axes.figure.legend(loc="outside lower center", ncols=6, columnspacing=1.4)
 
 
 def _plain(axes: Axes) -> None:
@@ -201,18 +207,28 @@ def _look(point: Point) -> tuple[str, str, float]:
     return (BLUE, "o", 6.0) if point.front else (GREY, "o", 4.5)
 
 
-def _label(axes: Axes, labels: Sequence[tuple[float, float, str, str]]) -> None:
-    """Beside the points, from the lowest up, each far enough above the one before it where they would overlap."""
+def _label(axes: Axes, labels: Sequence[tuple[float, float, str, str]], points: Sequence[tuple[float, float]]) -> None:
+    """Beside the points, from the lowest up, each far enough above the one before it where they would overlap, and
+    over no other point."""
     axes.autoscale_view()
     (x0, x1), (y0, y1) = np.log(axes.get_xlim()), np.log(axes.get_ylim())
+
+    def placed(x: float, y: float) -> tuple[float, float]:
+        return (math.log(x) - x0) / (x1 - x0), (math.log(y) - y0) / (y1 - y0)
+
+    marks = [placed(*point) for point in points]
     taken: list[tuple[float, float]] = []
     for x, y, text, color in sorted(labels, key=lambda one: one[1]):
-        across, up = (math.log(x) - x0) / (x1 - x0), (math.log(y) - y0) / (y1 - y0)
+        across, up = placed(x, y)
+        left = across > 0.72
+        width = LETTER * len(text)
+        ends = (across - width, across) if left else (across, across + width)
         place = up + ABOVE
-        while any(abs(place - other) < LABEL_GAP and abs(across - there) < 0.3 for there, other in taken):
+        while any(abs(place - other) < LABEL_GAP and abs(across - there) < 0.3 for there, other in taken) or any(
+            abs(place - other) < 0.5 * LABEL_GAP and ends[0] < there < ends[1] for there, other in marks
+        ):
             place += 0.5 * LABEL_GAP
         taken.append((across, place))
-        left = across > 0.72
         axes.annotate(
             text,
             (x, y),
@@ -232,10 +248,13 @@ def _message(frontier: Frontier, result: CaseResult) -> str:
     ours = [point for point in result.points if not point.peer]
     theirs = [point for point in result.points if point.peer]
     if target is None or not any(point.error.value <= target for point in ours):
-        best = min(result.points, key=lambda point: (point.error.value, point.cost.value))
+        best = min(result.front or result.points, key=lambda point: (point.error.value, point.cost.value))
         cost = frontier.cost_text(best.cost.value)
         return f"Least error: {best.candidate}, {best.error.value:.3g} {frontier.unit} in {cost}"
     meets = min(point.cost.value for point in ours if point.error.value <= target)
-    text = f"Within {CLOSE - 1.0:.0%} of the bound in {frontier.cost_text(meets)} a {frontier.item}"
-    equal = [point.cost.value for point in theirs if point.error.value <= target]
-    return text + (f"; others take {min(equal) / meets:.3g} times as long" if equal else "")
+    text = f"Within {CLOSE - 1.0:.0%} of the bound in {frontier.cost_text(meets)}"
+    equal = [(point.cost.value, point.candidate) for point in theirs if point.error.value <= target]
+    if not equal:
+        return text
+    cost, name = min(equal)
+    return f"{text}; {name} takes {float(f'{cost / meets:.2g}'):g} times that"

@@ -1,0 +1,89 @@
+"""What the package offers, by walking it, and which of it has no numbers to go wrong in a program."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Iterator
+from typing import Any
+
+import jaxradar
+
+# Packages whose functions are not looked up one by one.
+ELSEWHERE: dict[str, str] = {
+    "_errors": "exceptions",
+    "_settings": "reads and checks settings",
+    "_toml": "reads and writes text",
+    "_types": "types",
+    "cli": "the command line",
+    "drive": "holds recordings",
+    "drivefile": "reads and writes files",
+    "estimate": "runs on the host in float64: test_estimate_*.py",
+    "evaluation": "runs on the host in float64: test_evaluation.py",
+    "labels": "runs on the host in float64: test_cli_logs.py",
+    "logs": "reads and writes files",
+    "pareto": "measures programs on the host: test_pareto.py",
+    "plots": "draws",
+    "sim": "all of it flows through `render`: test_stability_scenes.py, test_sim_gradients.py",
+    "tasks": "makes inputs and programs to measure: test_tasks.py",
+}
+
+
+def offering_modules() -> Iterator[str]:
+    """Modules below the package by their dotted names: of a package that names what it offers the package alone."""
+    facades: list[str] = []
+    for found in pkgutil.walk_packages(jaxradar.__path__, "jaxradar."):
+        name = found.name.removeprefix("jaxradar.")
+        if name == "__main__" or any(name.startswith(f"{facade}.") for facade in facades):
+            continue
+        loaded = importlib.import_module(found.name)
+        if hasattr(loaded, "__all__"):
+            facades.append(name)
+            yield name
+        else:
+            assert found.ispkg, f"{name} does not say what it offers"
+
+
+def public_names() -> dict[str, Any]:
+    """All that is offered, but by the packages of `ELSEWHERE`, by dotted name below the package."""
+    found = {}
+    for module in offering_modules():
+        if module.partition(".")[0] not in ELSEWHERE:
+            loaded = importlib.import_module(f"jaxradar.{module}")
+            found |= {f"{module}.{name}": getattr(loaded, name) for name in loaded.__all__}
+    return found
+
+
+ABSTRACT = "abstract: its concrete classes are in the table"
+CARRIER = "holds results and computes nothing"
+HOST = "runs on the host in integers or float64, nothing to differentiate"
+NOT_NUMERIC: dict[str, str] = {
+    "signal.peaks.Peak": CARRIER,
+    "signal.peaks.PeakEstimator": ABSTRACT,
+    "signal.peaks.WindowEstimator": ABSTRACT,
+    "signal.clutter.NoiseFloor": CARRIER,
+    "signal.correlate.ProfileShift": CARRIER,
+    "signal.pulse_fit.NARROWEST": "a constant",
+    "signal.pulses.SIGMA_PER_FWHM": "a constant",
+    "units.SPEED_OF_LIGHT_M_S": "a constant",
+    "units.WAVELENGTH_60_GHZ_M": "a constant",
+    "_numerics.as_scalar": "changes a type, never a value",
+    "_numerics.compiled": "how a program is compiled",
+    "_numerics.cpu_shaped": "how a program is traced",
+    "_numerics.operations": "counts what a program does",
+    "_numerics.reductions": "how a program is traced",
+    "_numerics.row_major": "where values lie in memory",
+    "systems.step.DETECTORS": "a table of names",
+    "systems.step.Decision": CARRIER,
+    "systems.step.DetectorFile": CARRIER,
+    "systems.step.MotionSample": CARRIER,
+    "systems.step.StepDetector": ABSTRACT,
+    "systems.step.StepEvent": CARRIER,
+    "systems.step.StepTrace": CARRIER,
+    "systems.step.detect": HOST + "; what it compiles is `run`",
+    "systems.step.dump_detector": "writes a file",
+    "systems.step.load_detector": "reads a file",
+    "systems.step.precision": "a context",
+    "systems.step.thin": HOST,
+    "systems.step.time_steps": HOST,
+}
