@@ -256,5 +256,5 @@ def _message(frontier: Frontier, result: CaseResult) -> str:
     equal = [(point.cost.value, point.candidate) for point in theirs if point.error.value <= target]
     if not equal:
         return text
-    cost, name = min(equal)
-    return f"{text}; {name} takes {float(f'{cost / meets:.2g}'):g} times that"
+    least, theirs_is = min(equal)
+    return f"{text}; {theirs_is} takes {float(f'{least / meets:.2g}'):g} times that"
