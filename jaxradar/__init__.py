@@ -20,6 +20,12 @@ Steps out:
 - `thin`: keep some of the range bins, as the lab's program does.
 - `StepTrace`, `StepEvent`: all that a detector found out about a series; one detection.
 
+Thousands of logs:
+
+- `import_logs`: bring them into a store, which `open_store` opens as a `Store`.
+- `evaluate`: run a detector over logs and stores, as an `Evaluation`; `write_report` makes a page of it.
+- `detect_series`: run a detector over any number of series of any length.
+
 Held against the truth:
 
 - `match_steps`: match detections with steps, as a `Matching`.
@@ -55,11 +61,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jaxradar._errors import ConfigError, JaxradarError, LogError
     from jaxradar.drive import Channel, Drive, Motion, Mounting, RoadStep, SensorSeries, SweepFlag, Truth
-    from jaxradar.evaluation import Matching, MatchWindow, Summary, match_steps, summarise
+    from jaxradar.evaluation import Evaluation, evaluate
+    from jaxradar.ingest import import_logs
     from jaxradar.labels import propose_steps
     from jaxradar.logs import find_logs, read_log, write_log
+    from jaxradar.matching import Matching, MatchWindow, Summary, match_steps, summarise
     from jaxradar.plots import plot_drive, plot_sweeps
+    from jaxradar.report import write_report
     from jaxradar.sim import load_scene, simulate
+    from jaxradar.store import Store, open_store
     from jaxradar.systems.step import (
         DetectorFile,
         RangeAxis,
@@ -67,6 +77,7 @@ if TYPE_CHECKING:
         StepTrace,
         detect,
         detect_batch,
+        detect_series,
         dump_detector,
         load_detector,
         thin,
@@ -79,6 +90,7 @@ __all__ = [
     "ConfigError",
     "DetectorFile",
     "Drive",
+    "Evaluation",
     "JaxradarError",
     "LogError",
     "MatchWindow",
@@ -90,18 +102,23 @@ __all__ = [
     "SensorSeries",
     "StepEvent",
     "StepTrace",
+    "Store",
     "Summary",
     "SweepFlag",
     "Truth",
     "detect",
     "detect_batch",
+    "detect_series",
     "dump_detector",
+    "evaluate",
     "find_logs",
     "free_space_loss",
     "friis_power_ratio",
+    "import_logs",
     "load_detector",
     "load_scene",
     "match_steps",
+    "open_store",
     "plot_drive",
     "plot_sweeps",
     "propose_steps",
@@ -111,19 +128,24 @@ __all__ = [
     "thin",
     "time_steps",
     "write_log",
+    "write_report",
 ]
 
 _HOMES = {
     "_errors": "ConfigError JaxradarError LogError",
     "drive": "Channel Drive Motion Mounting RoadStep SensorSeries SweepFlag Truth",
-    "evaluation": "MatchWindow Matching Summary match_steps summarise",
+    "evaluation": "Evaluation evaluate",
+    "ingest": "import_logs",
     "labels": "propose_steps",
     "logs": "find_logs read_log write_log",
+    "matching": "MatchWindow Matching Summary match_steps summarise",
     "plots": "plot_drive plot_sweeps",
+    "report": "write_report",
     "sim": "load_scene simulate",
+    "store": "Store open_store",
     "units": "free_space_loss friis_power_ratio",
-    "systems.step": "DetectorFile RangeAxis StepEvent StepTrace detect detect_batch dump_detector load_detector"
-    " thin time_steps",
+    "systems.step": "DetectorFile RangeAxis StepEvent StepTrace detect detect_batch detect_series dump_detector"
+    " load_detector thin time_steps",
 }
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from jaxradar import sim
 from jaxradar.drive import NANOSECONDS, Drive
-from jaxradar.evaluation import MatchWindow, match_steps, summarise
+from jaxradar.matching import MatchWindow, match_steps, summarise
 from jaxradar.sim.road.drives import HARD_M_S2
 from jaxradar.systems.step import RangeRateDetector, StepDetector, detect, load_detector
 

@@ -22,7 +22,7 @@ class Case:
 
     `answer`: what the oracle says of one input. `scale`: what the error of each number is divided by, in words for the
     report; `bound`: on that error in float32, `bound64` in float64. `smooth`: the arguments to differentiate by,
-    `settings`: those of them, scalars, that tuning bends (a second derivative). `undefined`: inputs whose answer is
+    `settings`: those of them, scalars, that tuning bends (a second derivative). `flat`: numbers that have no gradient by contract. `undefined`: inputs whose answer is
     open, only to be finite.
     """
 
@@ -38,6 +38,7 @@ class Case:
     quick: tuple[Any, ...] = (None,)  # the sizes of the plain run and of the golden file
     smooth: tuple[int, ...] = (0,)
     settings: tuple[int, ...] = ()
+    flat: frozenset[str] = frozenset()
     undefined: frozenset[str] = frozenset()
     dtypes: tuple[str, ...] = ("float32", "float64")
 

@@ -218,7 +218,7 @@ def detector_cases() -> Iterator[Case]:
                         "statistic": "steps" if "rate" in detector.statistic_name else "1",
                         "strength": "largest",
                     },
-                    bound=1e-5,
+                    bound=2e-5,
                     bound64=1e-6 if peak == "matched filter" else 1e-9,  # its oracle takes differences
                     quick=(None,) if bins == 16 and (name == "thesis" or peak == "soft-argmax") else (),
                     smooth=(0, 1, 3, *settings),

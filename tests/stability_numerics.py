@@ -125,6 +125,7 @@ def numeric_cases() -> Iterator[Case]:
         bound64=1e-14,
         sizes=hard.SIZES,
         quick=(128,),
+        flat=frozenset({"largest_of", "top"}),
     )
     yield Case(
         "packed_largest",

@@ -220,20 +220,20 @@ def test_targets_that_cannot_be_written_are_refused_before_any_work(
     assert (tmp_path / "file").read_text() == "kept"
 
 
-def test_lines_are_on_the_disk_before_the_next_log_is_read(
+def test_what_was_read_is_on_the_disk_when_reading_ends(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import jaxradar.logs
+    from jaxradar.evaluation import run
 
     write_log(jumps(50), tmp_path / "next")
-    read, target = jaxradar.logs.read_log, tmp_path / "results.jsonl"
+    read, target = run.read_log, tmp_path / "results.jsonl"
 
     def stopped(path: str) -> Drive:
         if path.endswith("next"):
             raise KeyboardInterrupt
         return read(path)
 
-    monkeypatch.setattr(jaxradar.logs, "read_log", stopped)
+    monkeypatch.setattr(run, "read_log", stopped)
     assert main(["evaluate", str(log), str(tmp_path / "next"), "--detector", "thesis", "--json", str(target)]) == 130
     assert capsys.readouterr().err == "jaxradar: stopped.\n"
     assert [json.loads(line)["path"] for line in target.read_text().splitlines()] == [str(log)]

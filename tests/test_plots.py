@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from jaxradar.drive import Channel, Motion, RoadStep, SensorSeries, SweepFlag
-from jaxradar.evaluation import match_steps
+from jaxradar.matching import match_steps
 from jaxradar.plots import plot_drive, plot_sweeps, save
 from jaxradar.plots.reduce import envelope_of, grid, runs
 from jaxradar.plots.timeline import message_of

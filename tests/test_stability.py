@@ -150,10 +150,10 @@ def test_gradients_are_the_oracle_s_differences(name: str) -> None:
     """In float64, along a random direction, where the oracle's answer is smooth; and in float32 near it."""
     case = CASES[name]
     size = 17 if 17 in case.sizes else case.sizes[-1]
-    inputs = {label: one for label, one in case.inputs(size).items() if smooth(label)}
+    inputs = {label: one for label, one in case.inputs(size).items() if smooth(name, label)}
     if not inputs:
         pytest.skip("no input at which differences say something")
-    keys = [key for key in case.scale if key != "found"]
+    keys = [key for key in case.scale if key != "found" and key not in case.flat]
     generator = np.random.default_rng(0)
 
     def weighed(*one: Any) -> Any:
@@ -186,8 +186,10 @@ def test_gradients_are_the_oracle_s_differences(name: str) -> None:
             assert np.sum(slopes64[place] * direction) == pytest.approx(wanted, rel=1e-3, abs=1e-6 + 1e-4 * norm), label
 
 
-def smooth(label: str) -> bool:
+def smooth(name: str, label: str) -> bool:
     """An echo over a floor with its own largest bin, at a temperature that rounds nothing away."""
+    if name == "reductions":  # of a floor, which bin is the smallest is open
+        return "ramp" in label
     return label.startswith("echo") and not any(
         word in label for word in ("bin", "0.001", "against", "beyond", "before")
     )

@@ -6,14 +6,24 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, Protocol, cast, runtime_checkable
 
 from jaxradar._errors import ConfigError, LogError
 
-__all__ = ["Lines", "Stream", "console", "json_lines", "plain", "print_table", "ready_folder", "shown"]
+__all__ = [
+    "Lines",
+    "Stream",
+    "console",
+    "json_lines",
+    "plain",
+    "print_table",
+    "progress",
+    "ready_folder",
+    "shown",
+]
 
 
 @runtime_checkable
@@ -134,3 +144,16 @@ def print_table(file: Stream, columns: Sequence[str], rows: Sequence[Sequence[st
     for row in rows:
         table.add_row(*row)
     console(file).print(table)
+
+
+@contextmanager
+def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[int], None]]:
+    """A bar on standard error if that is a terminal and there is more than one step; gives what advances it."""
+    if quiet or total < 2 or not sys.stderr.isatty():
+        yield lambda steps: None
+        return
+    from rich.progress import Progress
+
+    with Progress(console=console(sys.stderr), transient=True) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda steps: bar.advance(task, steps)

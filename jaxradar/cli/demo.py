@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from jaxradar._errors import LogError
 from jaxradar.cli._options import add_command, whole
 from jaxradar.cli._output import ready_folder, shown
-from jaxradar.cli.evaluate import print_outcomes
+from jaxradar.cli.evaluate import print_results
 
 if TYPE_CHECKING:
-    from jaxradar.cli._detect import Outcome
     from jaxradar.drive import Drive
+    from jaxradar.evaluation import SeriesResult
     from jaxradar.sim import RoadScene
 
 __all__ = ["add_to"]
@@ -54,8 +54,8 @@ def add_to(commands: Any) -> None:
 def _run(args: argparse.Namespace) -> int:
     folder = ready_folder(args.output, "--output")
     assert folder is not None
-    from jaxradar.cli._detect import Selection, detect_in, draw_drive, draw_sweeps
-    from jaxradar.evaluation import MatchWindow
+    from jaxradar.cli._detect import draw_drive, draw_sweeps, results_of
+    from jaxradar.evaluation import Settings
     from jaxradar.logs import read_log, write_log
     from jaxradar.sim import dump_scene, load_scene, simulate
     from jaxradar.systems.step import load_detector
@@ -72,18 +72,18 @@ def _run(args: argparse.Namespace) -> int:
     # From here on, what anybody's log would go through.
     drive = read_log(log)
     names = ("thesis", "default")
-    outcomes, figures = [], []
+    results, figures = [], []
     for name in names:
-        (outcome,) = detect_in(str(log), drive, load_detector(name).detector, Selection(), MatchWindow())
-        outcomes.append(outcome)
-        figures.append(draw_drive(outcome, folder / f"{name}.png", name))
-    figures.append(draw_sweeps(outcomes[-1], folder / "sweeps.png"))
+        (result,) = results_of(str(log), Settings(load_detector(name).detector, figures=True))
+        results.append(result)
+        figures.append(draw_drive(result, folder / f"{name}.png", name))
+    figures.append(draw_sweeps(results[-1], folder / "sweeps.png"))
 
     print(fill(_story(args.scene, scene, drive), _WIDTH))
     print()
-    print_outcomes(sys.stdout, outcomes, names)
+    print_results(sys.stdout, results, names)
     print()
-    print(fill(_verdict(outcomes, scene, drive), _WIDTH))
+    print(fill(_verdict(results, scene, drive), _WIDTH))
     print("\nWritten:")
     for path in (marker, log, *figures):
         print(f"  {shown(path)}")
@@ -117,9 +117,9 @@ def _story(name: str, scene: RoadScene, drive: Drive) -> str:
     return text
 
 
-def _verdict(outcomes: list[Outcome], scene: RoadScene, drive: Drive) -> str:
+def _verdict(results: list[SeriesResult], scene: RoadScene, drive: Drive) -> str:
     """What the alarms are worth, without praise for a hit that chance alone would give."""
-    thesis, default = (len(outcome.trace.events) for outcome in outcomes)
+    thesis, default = (len(result.events) for result in results)
     steps = len(drive.truth.steps) if drive.truth is not None else 0
     text = f"{thesis} alarms of the thesis's rule for {steps} step{'' if steps == 1 else 's'}."
     if thesis > 10 * steps + 10:

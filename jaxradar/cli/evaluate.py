@@ -1,28 +1,31 @@
-"""`jaxradar evaluate`: many logs, one detector, a table and JSON lines."""
+"""`jaxradar evaluate`: many logs, one detector, a table, JSON lines and a report."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from jaxradar._errors import ConfigError, JaxradarError
+from jaxradar._errors import ConfigError
 from jaxradar.cli._options import add_command, add_selection, check_part, number
-from jaxradar.cli._output import Stream, console, json_lines, print_table, ready_folder, shown
+from jaxradar.cli._output import Stream, json_lines, print_table, progress, ready_folder, shown
 
 if TYPE_CHECKING:
-    from jaxradar.cli._detect import Outcome
+    from jaxradar.evaluation import SeriesResult
 
-__all__ = ["add_to", "print_outcomes"]
+__all__ = ["add_to", "print_results"]
+
+MOST_ROWS = 200  # of the table: more are for a report
+MOST_ROC_LOGS = 500  # which are gone through once for each threshold
 
 _DESCRIPTION = """\
 Run a detector over recorded logs and hold what it finds against the truth.
 
 A PATH is a log (a folder of <sensor>.csv, one CSV file, an Acconeer .h5, a
-.drive), a folder with logs somewhere in it, or a pattern. The truth stands in
+.drive), a folder with logs somewhere in it, a store or its archive (`jaxradar
+import`), or a pattern. The truth stands in
 truth.json inside a log folder, or in NAME.truth.json beside a log file.
 
 A detection hits a step if it comes at most the matching window before the
@@ -57,110 +60,149 @@ def add_to(commands: Any) -> None:
         help="or the time for so much road at the speed of the impact, if that is longer (default: 1)",
     )
     parser.add_argument("--json", metavar="FILE", help="one JSON object per sensor and line; - is standard output")
+    parser.add_argument("--report", metavar="FILE", help="a page to look at: FILE.html, which needs nothing beside it")
+    parser.add_argument(
+        "--cluster",
+        metavar="WHERE",
+        help="tcp://HOST:PORT of a Dask scheduler, or local:N processes; the same logs must be there (default: here)",
+    )
     parser.add_argument("--figures", metavar="DIR", help="also draw each series into this folder")
     parser.add_argument("--quiet", action="store_true", help="no table and no progress")
 
 
 def _run(args: argparse.Namespace) -> int:
     check_part(args.start, args.stop)
-    from jaxradar.cli._detect import Selection, all_logs, detect_in, figure_files, record_of
-    from jaxradar.evaluation import MatchWindow
-    from jaxradar.logs import read_log
+    if args.cluster is not None and args.figures is not None:
+        raise ConfigError("--figures draws on this machine; leave out --cluster.")
+    from jaxradar.cli._detect import all_logs, figure_files
+    from jaxradar.evaluation import Failure, Selection, Settings, evaluate_parts, record_of
+    from jaxradar.matching import MatchWindow
     from jaxradar.systems.step import load_detector
 
-    detector = load_detector(args.detector).detector
-    selection = Selection(args.sensor, args.start, args.stop, args.thin)
-    window = MatchWindow(args.window, args.window_metres)
+    settings = Settings(
+        load_detector(args.detector).detector,
+        Selection(args.sensor, args.start, args.stop, args.thin),
+        MatchWindow(args.window, args.window_metres),
+        pictures=args.report is not None,
+        figures=args.figures is not None,
+    )
     logs, empty = all_logs(args.paths)
-    outcomes: list[Outcome] = []
-    failures: list[JaxradarError | OSError | str] = []
+    rows = _Rows()
+    failures: list[Failure] = []
+    kept: list[SeriesResult | Failure] = []
     names: set[str] = set()
     with json_lines(args.json, logs) as lines:
         figures = ready_folder(args.figures, "--figures")
+        if args.report is not None:
+            _check_report(args.report, logs)
 
-        def fail(path: str, error: JaxradarError | OSError | str) -> None:
-            failures.append(error)
-            lines.write({"path": path, "error": _sentence(error)})
-            print(f"jaxradar: {shown(_sentence(error))}", file=sys.stderr)
+        def fail(one: Failure) -> None:
+            failures.append(one)
+            lines.write({"path": one.path, "error": one.error})
+            print(f"jaxradar: {shown(one.error)}", file=sys.stderr)
 
         for given, problem in empty:
-            fail(given, problem)
-        with _progress(logs, quiet=args.quiet) as paths:
-            for path in paths:
-                try:
-                    for outcome in detect_in(path, read_log(path), detector, selection, window):
-                        if figures is not None:
-                            figure_files(outcome, figures, detector.name, names)
-                        lines.write(record_of(outcome))
-                        outcomes.append(outcome)
-                except BrokenPipeError:
-                    raise
-                except (JaxradarError, OSError) as error:
-                    fail(path, error)
+            fail(Failure(given, problem))
+        with progress("evaluating", len(logs), quiet=args.quiet) as advance:
+            for one in evaluate_parts(logs, settings, args.cluster, advance):
+                if args.report is not None:
+                    kept.append(one)
+                if isinstance(one, Failure):
+                    fail(one)
+                    continue
+                if figures is not None:
+                    figure_files(one, figures, settings.detector.name, names)
+                lines.write(record_of(one))
+                rows.add(one)
+    if args.report is not None:
+        _write_report(args, settings, kept, logs)
     if not args.quiet:
-        print_outcomes(sys.stderr if args.json == "-" else sys.stdout, outcomes)
+        rows.print(sys.stderr if args.json == "-" else sys.stdout)
     if not failures:
         return 0
-    return 2 if not outcomes and all(isinstance(error, ConfigError) for error in failures) else 1
+    return 2 if not rows.count and all(one.wrong_option for one in failures) else 1
 
 
-def _sentence(error: JaxradarError | OSError | str) -> str:
-    if isinstance(error, OSError):
-        return f"{error.filename or 'input or output'}: {error.strerror or error}."
-    return str(error)
+def _check_report(target: str, logs: Sequence[str]) -> None:
+    """Before the work is done, not after it."""
+    if os.path.realpath(target) in {os.path.realpath(log) for log in logs}:
+        raise ConfigError(f"--report {shown(target)} would overwrite a log.")
+    try:
+        with open(target, "a", encoding="utf-8"):  # noqa: PTH123
+            pass
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise ConfigError(f"--report {shown(target)} cannot be written: {reason}.") from None
 
 
-@contextmanager
-def _progress(logs: Sequence[str], *, quiet: bool) -> Iterator[Iterator[str]]:
-    """The logs one after the other, with a bar on standard error if that is a terminal."""
-    if quiet or len(logs) < 2 or not sys.stderr.isatty():
-        yield iter(logs)
-        return
-    from rich.progress import Progress
+def _write_report(args: argparse.Namespace, settings: Any, kept: Sequence[Any], logs: Sequence[str]) -> None:
+    from jaxradar.evaluation import Evaluation, operating_curve
+    from jaxradar.report import write_report
 
-    with Progress(console=console(sys.stderr), transient=True) as bar:
-        task = bar.add_task("evaluating", total=len(logs))
-
-        def each() -> Iterator[str]:
-            for path in logs:
-                yield path
-                bar.advance(task)
-
-        yield each()
+    found = Evaluation.of(kept, settings.detector, settings.window)
+    known = list(dict.fromkeys(one.path for one in found.results if one.score is not None))
+    curve: tuple[Any, ...] = ()
+    if known:
+        with progress("ROC", min(len(known), MOST_ROC_LOGS), quiet=args.quiet) as advance:
+            curve = operating_curve(known, settings, most_logs=MOST_ROC_LOGS, advance=advance)
+    write_report(found, args.report, curve=curve)
 
 
-def print_outcomes(file: Stream, outcomes: Sequence[Outcome], names: Sequence[str] = ()) -> None:
-    """The table, what the reader had to say of the logs, and the sum of all whose truth is known.
+class _Rows:
+    """What is printed of results that come one after the other."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._held: list[SeriesResult] = []
+        self._known: list[Any] = []
+
+    def add(self, result: SeriesResult) -> None:
+        self.count += 1
+        if len(self._held) < MOST_ROWS:
+            self._held.append(result)
+        if result.score is not None:
+            self._known.append((result.score, result.duration_s))
+
+    def print(self, file: Stream) -> None:
+        print_results(file, self._held, known=self._known)
+        if self.count > len(self._held):
+            more = self.count - len(self._held)
+            print(f"... and {more:,} more: --report and --json hold all of them.", file=file)
+
+
+def print_results(
+    file: Stream, results: Sequence[SeriesResult], names: Sequence[str] = (), known: Sequence[Any] = ()
+) -> None:
+    """The table, what the reader had to say of the logs, and the sum of all whose truth is `known`.
 
     `names` stand in the first column instead of the logs' own.
     """
-    from jaxradar.evaluation import summarise
+    from jaxradar.matching import summarise
 
-    if not outcomes:
+    if not results:
         return
-    paths = [shown(outcome.path) for outcome in outcomes]
+    paths = [shown(one.path) for one in results]
     # What all have in common tells nothing apart; it would push the numbers out of a window of 80 columns.
     common = os.path.commonpath([os.path.dirname(os.path.abspath(path)) for path in paths])  # noqa: PTH100, PTH120
     apart = paths if common == os.path.sep else [os.path.relpath(path, common) for path in paths]
     short = list(names) or apart
     rows = []
-    for name, outcome in zip(short, outcomes, strict=True):
-        trace, matching = outcome.trace, outcome.matching
-        row = [name, outcome.series.sensor, len(outcome.series), int((~trace.valid).sum()), len(trace.events)]
-        if matching is None:
+    for name, one in zip(short, results, strict=True):
+        row = [name, one.sensor, one.sweeps, one.invalid_sweeps, len(one.events)]
+        if one.score is None:
             row += ["?"] * 4
         else:
-            lead = " ".join(f"{1e3 * lead_s:.0f}" for lead_s in matching.lead_s[:3])
-            more = "…" if len(matching.lead_s) > 3 else ""
-            row += [matching.hits, matching.misses, matching.false_alarms, lead + more or "–"]
+            score = one.score
+            lead = " ".join(f"{1e3 * lead_s:.0f}" for lead_s in score.lead_s[:3])
+            more = "…" if len(score.lead_s) > 3 else ""
+            row += [score.hits, score.misses, score.false_alarms, lead + more or "–"]
         rows.append([str(cell) for cell in row])
     columns = ("log", "sensor", "sweeps", "invalid", "found", "hit", "missed", "false", "lead ms")
     print_table(file, columns, rows)
-    said = dict.fromkeys((name, text) for name, one in zip(short, outcomes, strict=True) for text in one.drive.problems)
+    said = dict.fromkeys((name, text) for name, one in zip(short, results, strict=True) for text in one.log.problems)
     for name, text in said:
         print(f"{name}: {shown(text)}", file=file)
-    known = [(one.matching, one.series.duration_s) for one in outcomes if one.matching is not None]
-    if known and not names:
+    if known:
         print(_sum(summarise(known)), file=file)
 
 

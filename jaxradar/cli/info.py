@@ -159,4 +159,11 @@ def _sensor_text(sensor: dict[str, Any]) -> list[str]:
 
 def _known(values: dict[str, Any] | None) -> str:
     held = {name: value for name, value in (values or {}).items() if value is not None}
-    return ", ".join(f"{name} {value:g}" for name, value in held.items()) or "not known"
+    return ", ".join(f"{name} {_numbers(value)}" for name, value in held.items()) or "not known"
+
+
+def _numbers(value: Any) -> str:
+    """A number, or several of which some may not be known."""
+    if isinstance(value, tuple | list):
+        return " ".join("–" if one is None else f"{one:g}" for one in value)
+    return f"{value:g}"

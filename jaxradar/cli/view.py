@@ -35,9 +35,8 @@ def add_to(commands: Any) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     check_part(args.start, args.stop)
-    from jaxradar.cli._detect import Selection, all_logs, detect_in, figure_files
-    from jaxradar.evaluation import MatchWindow
-    from jaxradar.logs import read_log
+    from jaxradar.cli._detect import all_logs, figure_files, results_of
+    from jaxradar.evaluation import Selection, Settings
     from jaxradar.systems.step import load_detector
 
     detector = load_detector(args.detector).detector
@@ -45,16 +44,12 @@ def _run(args: argparse.Namespace) -> int:
     if empty or len(logs) > 1:
         count = len(logs) or "no"
         raise LogError(args.log, f"holds {count} logs; expected one log, `jaxradar evaluate --figures` draws many.")
-    drive = read_log(logs[0])
+    selection = Selection(args.sensor, args.start, args.stop, args.thin)
+    results = results_of(logs[0], Settings(detector, selection, figures=True))
     folder = ready_folder(args.output, "--output")
     assert folder is not None
-    selection = Selection(args.sensor, args.start, args.stop, args.thin)
     names: set[str] = set()
-    written = [
-        path
-        for outcome in detect_in(logs[0], drive, detector, selection, MatchWindow())
-        for path in figure_files(outcome, folder, detector.name, names)
-    ]
+    written = [path for result in results for path in figure_files(result, folder, detector.name, names)]
     if not written:
         raise LogError(args.log, "holds no sweep that could be drawn.")
     for path in written:

@@ -26,6 +26,7 @@ __all__ = [
     "checksums",
     "columns_of",
     "map_items",
+    "parse_header",
     "read_header",
     "whole",
     "write_header",
@@ -103,22 +104,29 @@ def _header_checksum(header: Mapping[str, Any]) -> int:
     return zlib.crc32(text.encode("ascii"))
 
 
-def write_header(folder: Path, header: Mapping[str, Any]) -> None:
+def write_header(folder: Path, header: Mapping[str, Any], *, durable: bool = True) -> None:
     text = json.dumps({**header, "checksum": _header_checksum(header)}, indent=1, allow_nan=False)
     fresh = folder / f"{HEADER}.new"
     with fresh.open("w", encoding="ascii") as file:
         file.write(text + "\n")
-        file.flush()
-        os.fsync(file.fileno())
+        if durable:
+            file.flush()
+            os.fsync(file.fileno())
     fresh.replace(folder / HEADER)
 
 
 def read_header(folder: Path) -> dict[str, Any]:
     path = folder / HEADER
     try:
-        header = json.loads(path.read_bytes())
+        return parse_header(path, path.read_bytes())
     except OSError as error:
         raise LogError(path, f"cannot be read: {error.strerror}; a drive has a {HEADER}.") from error
+
+
+def parse_header(path: Path, text: bytes) -> dict[str, Any]:
+    """A header out of its text. Raises `LogError`, which names `path`."""
+    try:
+        header = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise LogError(path, f"is not JSON ({error}); it is damaged.") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:

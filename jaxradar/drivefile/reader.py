@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -14,25 +15,61 @@ from jaxradar._errors import LogError
 from jaxradar.drive import Channel, Drive, Motion, Mounting, RoadStep, SensorSeries, Truth
 from jaxradar.drivefile.layout import HEADER, Column, columns_of, map_items, read_header, whole
 
-__all__ = ["open_column", "read_drive"]
+__all__ = ["DriveFiles", "Folder", "assemble_drive", "open_column", "read_drive"]
+
+
+@runtime_checkable
+class DriveFiles(Protocol):
+    """Where the files of a drive lie: a folder, or an archive. `place` names a file for messages."""
+
+    def size(self, name: str) -> int:
+        """In bytes."""
+
+    def items(self, name: str, dtype: np.dtype) -> np.ndarray:
+        """The whole items of a file, read-only."""
+
+    def content(self, name: str) -> bytes:
+        """All of a file."""
+
+    def place(self, name: str) -> Path:
+        """Its name in a message."""
+
+
+@dataclass(frozen=True)
+class Folder:
+    """A drive's own folder, whose files are mapped into memory."""
+
+    path: Path
+
+    def size(self, name: str) -> int:
+        return (self.path / name).stat().st_size
+
+    def items(self, name: str, dtype: np.dtype) -> np.ndarray:
+        return map_items(self.path / name, dtype)
+
+    def content(self, name: str) -> bytes:
+        return (self.path / name).read_bytes()
+
+    def place(self, name: str) -> Path:
+        return self.path / name
 
 
 def open_column(
-    folder: Path, column: Column, sealed: Mapping[str, Any] | None, verify: bool = False
+    files: DriveFiles, column: Column, sealed: Mapping[str, Any] | None, verify: bool = False
 ) -> tuple[np.ndarray, np.ndarray | None, list[str]]:
     """Records, rows and what had to be cut off, of one column."""
     try:
-        sizes = {name: (folder / name).stat().st_size for name, _ in column.parts}
-        maps = [map_items(folder / name, dtype) for name, dtype in column.parts]
+        sizes = {name: files.size(name) for name, _ in column.parts}
+        maps = [files.items(name, dtype) for name, dtype in column.parts]
     except OSError as error:
-        raise LogError(error.filename or folder, f"cannot be read: {error.strerror}.") from error
+        raise LogError(error.filename or files.place(""), f"cannot be read: {error.strerror}.") from error
     records, rows = maps[-1], maps[0] if column.row is not None else None
     if sealed is not None and all(sealed[name]["bytes"] == size for name, size in sizes.items()):
         for name in sizes if verify else ():
-            found = zlib.crc32((folder / name).read_bytes())
+            found = zlib.crc32(files.content(name))
             if found != sealed[name]["crc32"]:
                 raise LogError(
-                    folder / name, f"has checksum {found} where {sealed[name]['crc32']} is stated; it is damaged."
+                    files.place(name), f"has checksum {found} where {sealed[name]['crc32']} is stated; it is damaged."
                 )
         return records, rows, []
     count = whole(records, rows)
@@ -61,20 +98,24 @@ def read_drive(path: str | PathLike[str], *, verify: bool = False) -> Drive:
     Raises `LogError` for a folder that is no drive, and for one whose header is damaged or of an unknown version.
     """
     folder = Path(path)
-    header = read_header(folder)
+    return assemble_drive(Folder(folder), read_header(folder), verify)
+
+
+def assemble_drive(files: DriveFiles, header: Mapping[str, Any], verify: bool = False) -> Drive:
+    """A drive out of its files and its header, as `read_drive` does. Raises `LogError`."""
     try:
-        return _assemble(folder, header, verify)
+        return _assemble(files, header, verify)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise LogError(folder / HEADER, f"does not describe a drive: {error!r:.200}.") from error
+        raise LogError(files.place(HEADER), f"does not describe a drive: {error!r:.200}.") from error
 
 
-def _assemble(folder: Path, header: Mapping[str, Any], verify: bool) -> Drive:
+def _assemble(files: DriveFiles, header: Mapping[str, Any], verify: bool) -> Drive:
     problems = list(header["problems"])
     if header["sealed"] is None:
         problems.append("The drive was not closed: each sweep was checked.")
     columns = {}
     for key, column in columns_of(header).items():
-        records, rows, cut = open_column(folder, column, header["sealed"], verify)
+        records, rows, cut = open_column(files, column, header["sealed"], verify)
         columns[key] = records["time_ns"].astype(np.int64), records, rows
         problems += cut
     clock, base = header["clock_start_ns"], 0

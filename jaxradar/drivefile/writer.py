@@ -28,7 +28,7 @@ from jaxradar.drivefile.layout import (
     read_header,
     write_header,
 )
-from jaxradar.drivefile.reader import open_column
+from jaxradar.drivefile.reader import Folder, open_column
 from jaxradar.drivefile.staged import staged
 
 __all__ = ["DriveWriter", "is_drive_folder", "write_drive"]
@@ -45,6 +45,7 @@ class DriveWriter:
     - `clock_start_ns`: None if times are given on the recorder's own clock, which the reader then lets count from the
       first sweep; a number if they already count from it.
     - `mounting`, `truth`, `started_at_ns`, `problems`: as in `Drive`; `set` changes them later.
+    - `durable`: whether `close` and `set` return only when all is on the disk itself, and outlives a loss of power.
 
     Raises `LogError` if `path` exists or cannot be written, `ValueError` for what a drive cannot hold.
     """
@@ -60,6 +61,7 @@ class DriveWriter:
         started_at_ns: int | None = None,
         clock_start_ns: int | None = None,
         problems: Sequence[str] = (),
+        durable: bool = True,
     ) -> None:
         unknown = [name for name in motion if name not in MOTION_NAMES]
         if unknown:
@@ -95,8 +97,8 @@ class DriveWriter:
             for column in columns_of(header).values():
                 for name, _ in column.parts:
                     (stage / name).touch()
-            write_header(stage, header)
-        self._open(folder, header)
+            write_header(stage, header, durable=durable)
+        self._open(folder, header, durable)
 
     @classmethod
     def reopen(cls, path: str | PathLike[str]) -> DriveWriter:
@@ -108,21 +110,24 @@ class DriveWriter:
         header = read_header(folder)
         writer = cls.__new__(cls)
         try:
-            found = {column: open_column(folder, column, header["sealed"]) for column in columns_of(header).values()}
+            found = {
+                column: open_column(Folder(folder), column, header["sealed"]) for column in columns_of(header).values()
+            }
             header["problems"] += [sentence for _, _, cut in found.values() for sentence in cut]
             header["sealed"] = None
             write_header(folder, header)
             for column, (records, _, _) in found.items():
                 for name, dtype in column.parts:
                     os.truncate(folder / name, len(records) * dtype.itemsize)
-            writer._open(folder, header)
+            writer._open(folder, header, durable=True)
         except OSError as error:
             raise LogError(folder, f"cannot be written: {error.strerror}.") from error
         except (KeyError, TypeError, ValueError) as error:
             raise LogError(folder / HEADER, f"does not describe a drive: {error!r:.200}.") from error
         return writer
 
-    def _open(self, folder: Path, header: dict[str, Any]) -> None:
+    def _open(self, folder: Path, header: dict[str, Any], durable: bool) -> None:
+        self._durable = durable
         self._folder = folder
         self._header = header
         self._columns = columns_of(header)
@@ -182,7 +187,8 @@ class DriveWriter:
         """Seal the drive: lengths and checksums of its columns go into the header. Closing twice does nothing."""
         if not self._files:
             return
-        self.flush()
+        if self._durable:
+            self.flush()
         self._header["sealed"] = {name: {"bytes": size, "crc32": crc} for name, (size, crc) in self._written.items()}
         self._save()
         for file in self._files.values():
@@ -221,7 +227,7 @@ class DriveWriter:
 
     def _save(self) -> None:
         try:
-            write_header(self._folder, self._header)
+            write_header(self._folder, self._header, durable=self._durable)
         except OSError as error:
             raise LogError(self._folder / HEADER, f"cannot be written: {error.strerror}.") from error
 
@@ -270,12 +276,14 @@ def _is_drive_alone(path: Path) -> bool:
     return all(part.name == HEADER or part.suffix in parts for part in found)
 
 
-def write_drive(drive: Drive, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+def write_drive(drive: Drive, path: str | PathLike[str], *, overwrite: bool = False, durable: bool = True) -> None:
     """Write a whole drive as a folder, sealed; `read_drive` gives every field back equal.
 
-    It is written under another name and then renamed, so `path` never holds half a drive. Raises `LogError` if `path`
-    exists (with `overwrite`: if it is something else than a drive) or cannot be written, and `ValueError` for a `spec`
-    that is not made of JSON values.
+    It is written under another name and then renamed, so `path` never holds half a drive. `durable`: return when it
+    is on the disk itself, and outlives a loss of power.
+
+    Raises `LogError` if `path` exists (with `overwrite`: if it is something else than a drive) or cannot be written,
+    and `ValueError` for a `spec` that is not made of JSON values.
     """
     motion = {name: channel for name, channel in vars(drive.motion).items() if channel is not None}
     with staged(Path(path), overwrite=overwrite, replaceable=_is_drive_alone) as stage:
@@ -289,6 +297,7 @@ def write_drive(drive: Drive, path: str | PathLike[str], *, overwrite: bool = Fa
             started_at_ns=drive.started_at_ns,
             clock_start_ns=drive.clock_start_ns,
             problems=drive.problems,
+            durable=durable,
         ) as writer:
             for series in drive.sensors:
                 writer.append(series.sensor, series.times_ns, series.sweeps, series.flags)

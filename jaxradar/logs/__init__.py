@@ -14,19 +14,22 @@ from jaxradar.drivefile import is_drive_folder, read_drive, write_drive
 from jaxradar.logs.acconeer_h5 import read_acconeer_h5
 from jaxradar.logs.lab_csv import MOTION_FILES, looks_like_radar, read_lab_csv, sensor_files
 from jaxradar.logs.lab_csv_write import write_lab_csv
+from jaxradar.logs.truth import truth_path
+from jaxradar.store import is_archive, is_store, open_store, read_archived
 
-__all__ = ["find_logs", "read_log", "write_log"]
+__all__ = ["find_logs", "read_log", "source_files", "write_log"]
 
 _HDF5_NAMES = (".h5", ".hdf5")
 _HDF5_START = b"\x89HDF\r\n\x1a\n"
-_READABLE = "a folder of the lab's CSV, one CSV file, an Acconeer HDF5 file or a .drive folder"
+_READABLE = "a folder of the lab's CSV, one CSV file, an Acconeer HDF5 file, a .drive folder or a drive of a store"
 
 
 def read_log(path: str | PathLike[str]) -> Drive:
     """Read a log of any kind: what it is follows from its name, or else from its content.
 
-    A `.drive` folder (`jaxradar.drivefile`), a folder of `<sensor>.csv` or one CSV file (`jaxradar.logs.lab_csv`), an
-    Acconeer file `.h5` or `.hdf5` (`jaxradar.logs.acconeer_h5`). Raises `LogError`, which says what is wrong where.
+    A `.drive` folder (`jaxradar.drivefile`), a drive in a store's archive (`ARCHIVE.zip/drives/NAME.drive`), a folder
+    of `<sensor>.csv` or one CSV file (`jaxradar.logs.lab_csv`), an Acconeer file `.h5` or `.hdf5`
+    (`jaxradar.logs.acconeer_h5`). Raises `LogError`, which says what is wrong where.
     """
     log = Path(path)
     if not os.fspath(path):  # which `Path` takes for the current folder
@@ -34,6 +37,10 @@ def read_log(path: str | PathLike[str]) -> Drive:
     try:
         if log.is_dir():
             return _read_folder(log)
+        if log.suffix == ".drive" and (archived := read_archived(log)) is not None:
+            return archived
+        if is_archive(log):
+            raise LogError(log, "is the archive of a store; expected one of its drives, or a command that takes many.")
         if log.exists() and not log.is_file():
             raise LogError(log, "is a pipe or a device, which cannot be read twice; expected a file or a folder.")
         with log.open("rb") as file:
@@ -50,6 +57,8 @@ def read_log(path: str | PathLike[str]) -> Drive:
 
 
 def _read_folder(folder: Path) -> Drive:
+    if is_store(folder):
+        raise LogError(folder, "is a store; expected one of its drives, or a command that takes many.")
     if folder.suffix == ".drive" or is_drive_folder(folder):
         return read_drive(folder)
     if sensor_files(folder):
@@ -58,10 +67,22 @@ def _read_folder(folder: Path) -> Drive:
     raise LogError(folder, f"is a folder that holds {', '.join(held) or 'nothing'}; expected {_READABLE}.")
 
 
+def source_files(log: Path) -> list[Path]:
+    """The files that a log is made of, its truth among them, in order of their names."""
+    if not log.is_dir():
+        found = [log]
+    elif is_drive_folder(log):
+        return sorted(log.iterdir())
+    else:
+        found = [*sensor_files(log), *(log / name for name in MOTION_FILES)]
+    return sorted(file for file in (*found, truth_path(log)) if file.is_file())
+
+
 def find_logs(paths: Iterable[str | PathLike[str]]) -> list[Path]:
     """All logs that files, folders and patterns with `*`, `?` or `[` name, sorted, each once.
 
-    A folder that is a log itself is one log; any other is searched through. What does not exist, and a pattern that
+    A folder that is a log itself is one log, a store (its folder or its archive) is all drives of its catalogue; any
+    other folder is searched through. What does not exist, and a pattern that
     matches nothing, is returned as it was given, so that reading it says so; an empty name names nothing.
     """
     found: dict[str, Path] = {}
@@ -71,10 +92,20 @@ def find_logs(paths: Iterable[str | PathLike[str]]) -> list[Path]:
         # `Path.glob` takes no absolute pattern.
         matches = [] if exists or not glob.has_magic(text) else glob.glob(text, recursive=True)  # noqa: PTH207
         for path in map(Path, matches or [text]) if text else ():
-            logs = _logs_in(path) if path.is_dir() else [path] if not matches or _is_log_file(path) else []
+            if is_store(path):
+                logs = _drives_in(path)
+            elif path.is_dir():
+                logs = _logs_in(path)
+            else:
+                logs = [path] if not matches or _is_log_file(path) else []
             for log in logs:
                 found.setdefault(os.path.realpath(log), log)
     return sorted(found.values())
+
+
+def _drives_in(path: Path) -> list[Path]:
+    store = open_store(path)
+    return [store.place(entry) for entry in store.drives]
 
 
 def _logs_in(folder: Path) -> list[Path]:
@@ -83,6 +114,10 @@ def _logs_in(folder: Path) -> list[Path]:
     found: list[Path] = []
     for base, folders, files in os.walk(folder):
         here = Path(base)
+        if is_store(here):
+            found += _drives_in(here)
+            folders.clear()
+            continue
         logs = [here / name for name in folders if not name.startswith(".")]
         logs = [path for path in logs if path.suffix == ".drive" or is_drive_folder(path) or _sensor_files(path)]
         folders[:] = [name for name in folders if not name.startswith(".") and here / name not in logs]

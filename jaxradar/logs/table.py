@@ -19,7 +19,7 @@ from pyarrow import csv
 from jaxradar._errors import LogError
 from jaxradar.drive import NANOSECONDS
 
-__all__ = ["NUMBER", "Table", "is_cut", "read_bytes", "read_table", "shown"]
+__all__ = ["NUMBER", "Table", "is_cut", "read_bytes", "read_table", "shown", "use_one_thread"]
 
 NUMBER = re.compile(rb"[ \t]*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?[ \t]*")
 _BEGUN = re.compile(rb"[+-]?\d*\.?\d*([eE][+-]?\d*)?")  # what is left of a number that was cut off
@@ -43,6 +43,11 @@ class Table:
     values: np.ndarray
     alone: np.ndarray
     problems: tuple[str, ...] = ()
+
+
+def use_one_thread() -> None:
+    """From now on this process parses with one thread: for where there is a process for each core."""
+    pa.set_cpu_count(1)
 
 
 def read_bytes(path: Path) -> bytes:

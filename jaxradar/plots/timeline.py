@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxradar.drive import Channel, Motion, RoadStep, SensorSeries
-from jaxradar.evaluation import Matching
+from jaxradar.matching import Matching
 from jaxradar.plots.reduce import envelope_of, grid, runs
 from jaxradar.plots.style import BLACK, BLUE, GREY, MAP, ORANGE, SKY, VERMILION, WIDTH_IN, styled, titled
 from jaxradar.systems.step.result import StepTrace

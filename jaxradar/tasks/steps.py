@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxradar._numerics import compiled
 from jaxradar.drive import Drive, RoadStep
-from jaxradar.evaluation import MatchWindow, match_steps
+from jaxradar.matching import MatchWindow, match_steps
 from jaxradar.pareto import Candidate, Case, Data, Estimate, Program, Score, Task, percentile, proportion, rate
 from jaxradar.sim import SURFACES, RoadScene, StepUp, drive_seeds, held_out_seeds, load_scene, simulate_batch
 from jaxradar.systems.step import (

@@ -5,6 +5,7 @@ from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, Step
 from jaxradar.systems.step.default import DefaultDetector
 from jaxradar.systems.step.files import DETECTORS, DetectorFile, dump_detector, load_detector
 from jaxradar.systems.step.lab_live import LabLiveDetector
+from jaxradar.systems.step.lanes import detect_series
 from jaxradar.systems.step.pipeline import (
     detect,
     event_weights,
@@ -33,6 +34,7 @@ __all__ = [
     "ThesisDetector",
     "detect",
     "detect_batch",
+    "detect_series",
     "dump_detector",
     "event_weights",
     "load_detector",

@@ -21,7 +21,7 @@ BLOCK_BY_TIME = 4096
 # the compiler copies a block of long sweeps before it reads it.
 WHOLE_FROM_BINS = 400
 
-__all__ = ["check_shapes", "in_blocks"]
+__all__ = ["advance", "check_shapes", "in_blocks", "initial"]
 
 Block = Callable[..., tuple[Any, Any]]
 
@@ -41,13 +41,29 @@ def in_blocks(
     detector: StepDetector[Any, Any], axis: RangeAxis, pick: Callable[[Decision], Any], *inputs: Array
 ) -> Any:
     """What `pick` makes of all decisions, as (logs, sweeps, ...). `inputs`: as `check_shapes` takes them."""
-    block, start = partial(_block, detector, axis, pick), partial(_initial, detector, axis)
+    block, start = partial(_block, detector, axis, pick), partial(initial, detector, axis)
     logs, sweeps = inputs[1].shape
     if not logs or not sweeps:
         one_sweep = [jnp.zeros((1, 1, *values.shape[2:])[: values.ndim], values.dtype) for values in inputs]
         shapes = jax.eval_shape(partial(_by_logs, block, start), *one_sweep)
         return jax.tree.map(lambda leaf: jnp.zeros((logs, sweeps, *leaf.shape[2:]), leaf.dtype), shapes)
-    return (_by_time if detector.sequential else _by_logs)(block, start, *inputs)
+    if detector.sequential:
+        return _by_time(block, start(logs), *inputs)[1]
+    return _by_logs(block, start, *inputs)
+
+
+def advance(
+    detector: StepDetector[Any, Any], axis: RangeAxis, pick: Callable[[Decision], Any], state: Any, *inputs: Array
+) -> tuple[Any, Any]:
+    """As `in_blocks`, from a state on for each log (`initial` gives the first), with the states after the last sweep.
+
+    Sweeps beyond a log's length leave nothing in its state that a later call could use: begin it anew.
+    """
+    block = partial(_block, detector, axis, pick)
+    if detector.sequential:
+        return _by_time(block, state, *inputs)
+    sweeps, flags, dt, lengths = inputs
+    return block(state, lambda: sweeps, flags, dt, lengths)
 
 
 def _block(
@@ -67,7 +83,8 @@ def _block(
     return state, pick(decisions)
 
 
-def _initial(detector: StepDetector[Any, Any], axis: RangeAxis, logs: int) -> Any:
+def initial(detector: StepDetector[Any, Any], axis: RangeAxis, logs: int) -> Any:
+    """The state before the first sweep, for each log."""
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (logs, *jnp.shape(leaf))), detector.init(axis))
 
 
@@ -99,8 +116,8 @@ def _by_logs(block: Block, start: Callable[[int], Any], *inputs: Array) -> Any:
     return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), done, rest)
 
 
-def _by_time(block: Block, start: Callable[[int], Any], *inputs: Array) -> Any:
-    """All logs side by side, a few sweeps at a time."""
+def _by_time(block: Block, state: Any, *inputs: Array) -> tuple[Any, Any]:
+    """All logs side by side, a few sweeps at a time; with the states after the last of them."""
     *columns, lengths = inputs
     logs, sweeps = columns[1].shape
     part = _block_size(sweeps, BLOCK_BY_TIME // logs)
@@ -110,11 +127,11 @@ def _by_time(block: Block, start: Callable[[int], Any], *inputs: Array) -> Any:
         cut = [partial(jax.lax.dynamic_slice_in_dim, values, first, part, 1) for values in columns]
         return block(state, cut[0], cut[1](), cut[2](), lengths - first)
 
-    state, done = jax.lax.scan(one, start(logs), part * jnp.arange(blocks, dtype=jnp.int32))
+    state, done = jax.lax.scan(one, state, part * jnp.arange(blocks, dtype=jnp.int32))
     done = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, 1).reshape(logs, blocks * part), done)
     if blocks * part == sweeps:
-        return done
+        return state, done
     first = blocks * part
     cut = [partial(jax.lax.dynamic_slice_in_dim, values, first, sweeps - first, 1) for values in columns]
-    ending = block(state, cut[0], cut[1](), cut[2](), lengths - first)[1]
-    return jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), done, ending)
+    state, ending = block(state, cut[0], cut[1](), cut[2](), lengths - first)
+    return state, jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), done, ending)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -20,7 +20,17 @@ from jaxradar.systems.step.blocks import check_shapes, in_blocks
 from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
 from jaxradar.systems.step.result import StepEvent, StepTrace
 
-__all__ = ["detect", "event_weights", "precision", "run", "run_batch", "thin", "time_steps"]
+__all__ = [
+    "detect",
+    "event_weights",
+    "events_of",
+    "precision",
+    "run",
+    "run_batch",
+    "thin",
+    "time_steps",
+    "trace_of",
+]
 
 
 def time_steps(times_ns: Int[np.ndarray, " sweeps"]) -> Float[np.ndarray, " sweeps"]:
@@ -120,23 +130,30 @@ def detect(detector: StepDetector[Any, Any], series: SensorSeries, motion: Motio
         host = {
             field.name: np.asarray(getattr(decisions, field.name))[:count] for field in dataclasses.fields(Decision)
         }
-    return _trace(detector, series, host)
+    return trace_of(detector, series, host)
 
 
-def _trace(detector: StepDetector[Any, Any], series: SensorSeries, host: dict[str, np.ndarray]) -> StepTrace:
-    times_s = series.times_s
+def events_of(
+    detector: StepDetector[Any, Any], series: SensorSeries, found: Mapping[str, np.ndarray]
+) -> tuple[StepEvent, ...]:
+    """The detections among decisions on a series: `event`, `range_m`, `strength` and `statistic`, each (sweeps,)."""
     threshold = float(detector.threshold)
-    events = tuple(
+    return tuple(
         StepEvent(
-            time_s=float(times_s[i]),
-            range_m=float(host["range_m"][i]),
-            strength=float(host["strength"][i]),
-            statistic=float(host["statistic"][i]),
+            time_s=float(series.times_ns[i] / NANOSECONDS),
+            range_m=float(found["range_m"][i]),
+            strength=float(found["strength"][i]),
+            statistic=float(found["statistic"][i]),
             threshold=threshold,
             sweep=int(i),
         )
-        for i in np.flatnonzero(host["event"])
+        for i in np.flatnonzero(found["event"])
     )
+
+
+def trace_of(detector: StepDetector[Any, Any], series: SensorSeries, host: Mapping[str, np.ndarray]) -> StepTrace:
+    """All fields of the decisions on a series, each (sweeps,), as a trace."""
+    times_s = series.times_s
     valid = host["valid"]
     return StepTrace(
         sensor=series.sensor,
@@ -147,10 +164,10 @@ def _trace(detector: StepDetector[Any, Any], series: SensorSeries, host: dict[st
         statistic=host["statistic"],
         valid=valid,
         saturated=host["saturated"],
-        threshold=threshold,
+        threshold=float(detector.threshold),
         statistic_name=detector.statistic_name,
         statistic_unit=detector.statistic_unit,
-        events=events,
+        events=events_of(detector, series, host),
     )
 
 

@@ -113,23 +113,29 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
         dt: Float[Array, "logs sweeps"],
     ) -> tuple[RangeRateState, Decision]:
         observations = self._observe_all(axis, sweeps, flags)
+        valid = observations.valid
 
         def gapless() -> tuple[RangeRateState, Decision]:
             first = jnp.arange(dt.shape[1]) == 0
+            count = jnp.sum(valid, axis=1, dtype=jnp.int32)
+            last = jnp.take_along_axis(observations.range_m, jnp.maximum(count - 1, 0)[:, None], axis=1)[:, 0]
+            last = jnp.where(count > 0, last, state.range_m)
             # A padded slice stays in the loop of what is made of it; a concatenation is written out.
             before = jnp.pad(observations.range_m[:, :-1], ((0, 0), (1, 0)))
+            before = jnp.where(jnp.arange(dt.shape[1]) <= count[:, None], before, last[:, None])
             before = jnp.where(first, state.range_m[:, None], before)
             elapsed = jnp.where(first, dt + state.elapsed_s[:, None], dt)
             seen = ~first | state.seen[:, None]
             decision = jax.vmap(jax.vmap(self._decide))(observations, before, elapsed, seen)
-            last = decision.range_m[:, -1]
-            return jax.vmap(RangeRateState)(last, jnp.zeros_like(last), jnp.ones_like(state.seen)), decision
+            waited = jnp.sum(jnp.where(valid, 0.0, dt), axis=1) + jnp.where(count > 0, 0.0, state.elapsed_s)
+            return jax.vmap(RangeRateState)(last, waited, state.seen | (count > 0)), decision
 
         def with_gaps() -> tuple[RangeRateState, Decision]:
             return self.scan(axis, state, observations, dt)
 
-        # Where every sweep is valid the sweep before is the last valid one, and nothing has to wait for another.
-        return jax.lax.cond(jnp.all(observations.valid), gapless, with_gaps)
+        # Where every sweep is valid, up to where a series ends, the sweep before is the last valid one, and nothing
+        # has to wait for another.
+        return jax.lax.cond(jnp.all(valid[:, :-1] | ~valid[:, 1:]), gapless, with_gaps)
 
     def _observe_all(
         self,

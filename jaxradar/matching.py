@@ -15,12 +15,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from jaxradar.drive import NANOSECONDS, Channel, RoadStep
 
-__all__ = ["MatchWindow", "Matching", "Summary", "match_steps", "speed_at", "summarise"]
+__all__ = ["Counted", "MatchWindow", "Matching", "Score", "Summary", "match_steps", "speed_at", "summarise"]
 
 
 @dataclass(frozen=True)
@@ -108,34 +109,70 @@ def match_steps(
     Raises `ValueError` for a time that is not finite.
     """
     window = MatchWindow() if window is None else window
-    times = [_nanoseconds(time, "detections_s") for time in detections_s]
-    ordered = sorted(steps, key=lambda step: step.impact_s)
-    waiting = sorted(range(len(times)), key=times.__getitem__)
-    excused: set[int] = set()
+    times = _nanoseconds(detections_s, "detections_s")
+    order = np.argsort(times, kind="stable")
+    waiting = np.ones(len(times), bool)
+    excused = np.zeros(len(times), bool)
     hit_by: list[int | None] = []
     counted: list[RoadStep] = []
     lead_s: list[float] = []
-    for step in ordered:
-        impact = _nanoseconds(step.impact_s, "steps")
+    for step in sorted(steps, key=lambda step: step.impact_s):
+        impact = int(_nanoseconds([step.impact_s], "steps")[0])
         # A car that crawls has a window of hours; beyond a year no clock of a drive goes.
         reach = round(min(window.before(speed_at(speed, step.impact_s)), 3.2e7) * NANOSECONDS)
-        inside = [index for index in waiting if 0 <= impact - times[index] <= reach]
-        excused.update(inside)
+        inside = waiting & (times <= impact) & (impact - times <= reach)
+        excused |= inside
         if (start_s is not None and step.impact_s < start_s) or (stop_s is not None and step.impact_s > stop_s):
             continue
         counted.append(step)
-        hit_by.append(inside[0] if inside else None)
-        if inside:
-            waiting.remove(inside[0])
-            lead_s.append((impact - times[inside[0]]) / NANOSECONDS)
-    false = tuple(index for index in range(len(times)) if index not in excused)
-    return Matching(tuple(counted), tuple(hit_by), tuple(lead_s), false)
+        earliest = next(iter(order[inside[order]].tolist()), None)
+        hit_by.append(earliest)
+        if earliest is not None:
+            waiting[earliest] = False
+            lead_s.append((impact - int(times[earliest])) / NANOSECONDS)
+    return Matching(tuple(counted), tuple(hit_by), tuple(lead_s), tuple(np.flatnonzero(~excused).tolist()))
 
 
-def _nanoseconds(time_s: float, name: str) -> int:
-    if not math.isfinite(time_s * NANOSECONDS):
-        raise ValueError(f"`match_steps({name}=...)` must hold finite times; got {time_s}.")
-    return round(float(time_s) * NANOSECONDS)
+def _nanoseconds(times_s: Sequence[float] | np.ndarray, name: str) -> np.ndarray:
+    given = np.asarray(times_s, np.float64)
+    with np.errstate(over="ignore"):
+        scaled = given * NANOSECONDS
+    if not np.isfinite(scaled).all():
+        wrong = given[~np.isfinite(scaled)][0]
+        raise ValueError(f"`match_steps({name}=...)` must hold finite times; got {wrong}.")
+    # No further than differences of int64 reach, which is 146 years.
+    return np.rint(np.clip(scaled, -4.6e18, 4.6e18)).astype(np.int64)
+
+
+@runtime_checkable
+class Counted(Protocol):
+    """A `Matching`, or what of it is counted."""
+
+    @property
+    def hits(self) -> int: ...
+
+    @property
+    def misses(self) -> int: ...
+
+    @property
+    def false_alarms(self) -> int: ...
+
+    @property
+    def lead_s(self) -> tuple[float, ...]: ...
+
+
+@dataclass(frozen=True)
+class Score:
+    """What of a `Matching` is counted."""
+
+    hits: int
+    misses: int
+    false_alarms: int
+    lead_s: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, matching: Counted) -> Score:
+        return cls(matching.hits, matching.misses, matching.false_alarms, matching.lead_s)
 
 
 @dataclass(frozen=True)
@@ -166,7 +203,7 @@ class Summary:
         return float(np.median(self.lead_s)) if self.lead_s else None
 
 
-def summarise(outcomes: Iterable[tuple[Matching, float]]) -> Summary:
+def summarise(outcomes: Iterable[tuple[Counted, float]]) -> Summary:
     """Add up (matching, duration in seconds) of many series."""
     held = list(outcomes)
     return Summary(

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxradar.drive import Channel, RoadStep
-from jaxradar.evaluation import Matching, MatchWindow, match_steps, speed_at, summarise
+from jaxradar.matching import Matching, MatchWindow, match_steps, speed_at, summarise
 
 
 def steps(*impacts: float) -> list[RoadStep]:

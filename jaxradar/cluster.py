@@ -1,0 +1,159 @@
+"""Work in parts on other processes and machines, through Dask distributed (`pip install 'jaxradar[cluster]'`).
+
+A part is a function's argument; functions and results are pickled, so the machines need the same package, and paths
+mean the same there. A worker that dies costs its parts another try elsewhere. Results come in the order of the parts,
+so that sums are made in one order, whoever made the terms.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from jaxradar._cache import keep_compiled_programs
+from jaxradar._errors import ConfigError
+
+__all__ = ["Cluster", "LostError", "cluster_of"]
+
+Part = TypeVar("Part")
+Result = TypeVar("Result")
+
+AHEAD = 4  # parts under way for each worker
+CONNECT_SECONDS = 10
+
+
+class LostError(RuntimeError):
+    """A part that brought down every worker it was given to; the message says so."""
+
+
+class Cluster:
+    """Workers of a Dask scheduler; `cluster_of` makes it."""
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+
+    @property
+    def workers(self) -> int:
+        """How many there are now."""
+        return len(self._client.scheduler_info(n_workers=-1)["workers"])
+
+    def map(self, function: Callable[[Part], Result], parts: Iterable[Part]) -> Iterator[Result | LostError]:
+        """The result of each part, in their order; a `LostError` for one that no worker survived.
+
+        What `function` raises is raised here. No more parts are under way, and no more results wait, than a few for
+        each worker.
+        """
+        from distributed import KilledWorker
+
+        waiting: list[Any] = []
+        source = iter(parts)
+        try:
+            while True:
+                while len(waiting) < AHEAD * max(1, self.workers) and (part := next(source, source)) is not source:
+                    # Never taken for an equal call of before: files change.
+                    waiting.append(self._client.submit(function, part, pure=False))
+                if not waiting:
+                    return
+                first = waiting.pop(0)
+                try:
+                    yield first.result()
+                except KilledWorker as error:
+                    yield LostError(
+                        f"its worker died, and so did those that tried again ({str(error).splitlines()[0]})."
+                    )
+                finally:
+                    first.release()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+    def total(
+        self, function: Callable[[Part], Any], parts: Sequence[Part], add: Callable[[Any, Any], Any] | None = None
+    ) -> Any:
+        """The sum over parts of what `function` gives, a tree of arrays such as a gradient; added in their order.
+
+        `add`: of two of them, leaf by leaf if None. Raises `LostError` if no worker survived a part, `ValueError` if
+        there is none.
+        """
+        return total(self.map(function, parts), add)
+
+
+def total(terms: Iterable[Any], add: Callable[[Any, Any], Any] | None = None) -> Any:
+    """The sum of trees, first to last. Raises `LostError` for a term that is one, `ValueError` for none."""
+
+    def both(one: Any, other: Any) -> Any:
+        if isinstance(other, LostError):
+            raise other
+        if add is not None:
+            return add(one, other)
+        import jax
+
+        return jax.tree.map(lambda a, b: a + b, one, other)
+
+    held = iter(terms)
+    first = next(held, None)
+    if first is None:
+        raise ValueError("a sum needs at least one part.")
+    if isinstance(first, LostError):
+        raise first
+    return functools.reduce(both, held, first)
+
+
+@contextmanager
+def cluster_of(given: str | Cluster | None) -> Iterator[Cluster | None]:
+    """Workers by name: the address of a scheduler (`tcp://host:8786`, `tls://...`), or `local:N` for N processes on
+    this machine, which share its cores out among them. None gives None, a `Cluster` itself.
+
+    Raises `ConfigError` for another name, for an address where nobody answers, and where Dask is not installed.
+    """
+    if given is None or isinstance(given, Cluster):
+        yield given
+        return
+    kind, _, rest = given.partition(":")
+    if kind not in ("local", "tcp", "tls") or (kind == "local" and not (rest.isdecimal() and int(rest) > 0)):
+        raise ConfigError(f"unknown cluster {given!r}; expected tcp://HOST:PORT, tls://HOST:PORT or local:N.")
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError:
+        raise ConfigError("a cluster needs Dask: pip install 'jaxradar[cluster]'.") from None
+    if kind != "local":
+        try:
+            client = Client(given, timeout=CONNECT_SECONDS)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise ConfigError(f"no scheduler answers at {given} ({error}).") from None
+        with client:
+            client.register_plugin(_plugin(None))
+            yield Cluster(client)
+        return
+    keep_compiled_programs()
+    with (
+        LocalCluster(
+            int(rest), threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1", memory_limit=0
+        ) as made,
+        Client(made, timeout=CONNECT_SECONDS) as client,
+    ):
+        client.register_plugin(_plugin(int(rest)))
+        client.wait_for_workers(int(rest))
+        yield Cluster(client)
+
+
+def _plugin(share: int | None) -> Any:
+    """What each worker does first, and each that comes later: it keeps compiled programs, as the command line does;
+    of `share` workers on this machine each takes its own cores."""
+    from distributed import WorkerPlugin
+
+    class Ready(WorkerPlugin):
+        name = "jaxradar"
+
+        def setup(self, worker: Any) -> None:
+            keep_compiled_programs()
+            if share is not None and hasattr(os, "sched_setaffinity"):
+                cores = sorted(os.sched_getaffinity(0))
+                # A worker that takes the place of one that died has its number and a suffix.
+                number = int(str(worker.name).partition("-")[0])
+                os.sched_setaffinity(0, cores[number % share :: share] if len(cores) >= share else cores)
+
+    return Ready()

@@ -1,0 +1,269 @@
+"""Logs into a store: in parallel, only what is new or changed, and to be gone on with after a kill at any point.
+
+A drive is written under another name and then renamed, and its row is put into the catalogue after that. A kill
+between the two leaves a drive without a row, which the next import writes anew. A source whose files have the size and
+the time of change that the catalogue knows is not read again; one whose content is the same all the same is not
+parsed again.
+"""
+
+from __future__ import annotations
+
+import glob
+import json
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from itertools import islice
+from multiprocessing import get_all_start_methods, get_context
+from os import PathLike
+from pathlib import Path
+from time import monotonic
+
+from jaxradar._errors import LogError
+from jaxradar.drivefile import is_drive_folder, write_drive
+from jaxradar.logs import find_logs, read_log, source_files
+from jaxradar.store import CATALOGUE, DRIVES, MARKER, Catalogue, Entry, entry_of, make_store
+
+__all__ = ["Imported", "import_logs"]
+
+COMMIT_SECONDS = 1.0  # how much work a kill can cost
+_HASH_BLOCK = 1 << 22
+_NO_FILES = "[]"  # the stamp of what is not there
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What became of one source.
+
+    `done`: "imported", "unchanged" (nothing to do), "same" (another time of change, the same content), "failed" or
+    "failed before" (and unchanged since then). `entry`: its row.
+    """
+
+    done: str
+    entry: Entry
+
+
+@dataclass(frozen=True)
+class _Task:
+    source: str
+    name: str
+    stamp: str
+    known: Entry | None
+
+
+def import_logs(
+    logs: Iterable[str | PathLike[str]], store: str | PathLike[str], *, workers: int | None = None
+) -> Iterator[Imported]:
+    """Bring logs into the store at a path, which is made if it is not there; each as soon as it is done.
+
+    `logs`: logs, folders of logs and patterns, as `find_logs` takes them. `workers`: processes, one for each core if
+    None. A log that cannot be read is an entry with an `error`, and never stops the others; nor does one that brings
+    its process down. What the caller does not go on to fetch is not imported, and nothing of it is lost.
+
+    Raises `LogError` if `store` is something else, cannot be written, or is being written by another program.
+    """
+    place = Path(store)
+    make_store(place)
+    with _alone(place), Catalogue(place / CATALOGUE, write=True) as catalogue:
+        known = {entry.source: entry for entry in catalogue.entries()}
+        fresh: list[Entry] = []
+        saved = monotonic()
+        try:
+            for one in _work(place, _tasks(place, logs, known), workers or _cores()):
+                if one.done not in ("unchanged", "failed before") and one.entry.stamp != _NO_FILES:
+                    fresh.append(one.entry)
+                if fresh and monotonic() - saved > COMMIT_SECONDS:
+                    catalogue.put(fresh)
+                    fresh, saved = [], monotonic()
+                yield one
+        finally:
+            catalogue.put(fresh)
+
+
+@contextmanager
+def _alone(store: Path) -> Iterator[None]:
+    """Nobody else imports meanwhile; the lock is gone with the process, however that ends."""
+    try:
+        import fcntl
+    except ImportError:  # Windows, where two at once are the user's own affair
+        yield
+        return
+    with (store / MARKER).open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise LogError(store, "is being written by another import; wait for it to end.") from error
+        yield
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _tasks(store: Path, logs: Iterable[str | PathLike[str]], known: dict[str, Entry]) -> Iterator[_Task | Imported]:
+    """What is to be read, and what need not be."""
+    taken = {entry.name for entry in known.values() if entry.name}
+    inside = os.path.realpath(store) + os.sep
+    for given in logs:
+        root = _root(os.fspath(given))
+        for log in find_logs([given]):
+            source = os.path.realpath(log)
+            if source.startswith(inside):
+                continue
+            held = known.get(source)
+            stamp = _stamp(log)
+            if held is not None and held.stamp == stamp:
+                if held.error is not None:
+                    yield Imported("failed before", held)
+                    continue
+                if is_drive_folder(store / DRIVES / f"{held.name}.drive"):
+                    yield Imported("unchanged", held)
+                    continue
+            name = (held.name if held else None) or _free_name(_name(log, root), taken)
+            taken.add(name)
+            known[source] = replace(held, stamp=stamp) if held else Entry(source, None, stamp, "", 0)
+            yield _Task(source, name, stamp, held)
+
+
+def _root(given: str) -> Path:
+    """What is above all that an argument names: its folder, or of a pattern the part before the first wildcard."""
+    path = Path(given).absolute()
+    while glob.has_magic(str(path)) and not path.exists():
+        path = path.parent
+    return path.parent if path == Path(given).absolute() else path
+
+
+def _name(log: Path, root: Path) -> str:
+    """A source's path below what was asked for, without its ending."""
+    try:
+        parts = log.resolve().relative_to(root.resolve()).parts
+    except ValueError:
+        parts = (log.name,)
+    last = parts[-1] if log.is_dir() and log.suffix != ".drive" else Path(parts[-1]).stem
+    return "/".join([*parts[:-1], last])
+
+
+def _free_name(name: str, taken: set[str]) -> str:
+    number, free = 1, name
+    while free in taken:
+        number += 1
+        free = f"{name}-{number}"
+    return free
+
+
+def _stamp(log: Path) -> str:
+    found = []
+    for file in source_files(log):
+        try:
+            state = file.stat()
+        except OSError:
+            continue
+        found.append([file.name, state.st_size, state.st_mtime_ns])
+    return json.dumps(found)
+
+
+def _work(store: Path, tasks: Iterator[_Task | Imported], workers: int) -> Iterator[Imported]:
+    """In processes, a few tasks ahead of what is fetched."""
+    waiting: dict[Future[Imported], _Task] = {}
+    alone: list[_Task] = []  # that were on their way when a process died: one of them is to blame
+    pool = _pool(workers)
+    try:
+        while True:
+            for task in islice(tasks, max(0, 4 * workers - len(waiting))):
+                if isinstance(task, Imported):
+                    yield task
+                else:
+                    waiting[pool.submit(_import_one, store, task)] = task
+            if not waiting:
+                rest = next(tasks, None)
+                if rest is None:
+                    break
+                tasks = _chain(rest, tasks)
+                continue
+            done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            broken = []
+            for future in done:
+                task = waiting.pop(future)
+                try:
+                    yield future.result()
+                except BrokenProcessPool:
+                    broken.append(task)
+            if broken:
+                alone += [*broken, *waiting.values()]
+                waiting.clear()
+                pool.shutdown(cancel_futures=True)
+                pool = _pool(workers)
+    finally:
+        pool.shutdown(cancel_futures=True)
+    for task in alone:
+        with _pool(1) as single:
+            try:
+                yield single.submit(_import_one, store, task).result()
+            except BrokenProcessPool:
+                yield _failed(task, "", 0, "its reader died, of too little memory or of damage in the file.")
+
+
+def _chain(first: _Task | Imported, rest: Iterator[_Task | Imported]) -> Iterator[_Task | Imported]:
+    yield first
+    yield from rest
+
+
+def _pool(workers: int) -> ProcessPoolExecutor:
+    # Forked from a process that has threads (of JAX, of Arrow), a child may hang; forked from a server, it need not
+    # import the readers again.
+    server = "forkserver" in get_all_start_methods()
+    context = get_context("forkserver" if server else "spawn")
+    if server:
+        context.set_forkserver_preload(["jaxradar.ingest", "jaxradar.logs.table"])
+    return ProcessPoolExecutor(workers, context, initializer=_one_thread)
+
+
+def _one_thread() -> None:
+    """A process for each core: the parser's own threads would be too many."""
+    from jaxradar.logs.table import use_one_thread
+
+    use_one_thread()
+
+
+def _import_one(store: Path, task: _Task) -> Imported:
+    """In a process of its own."""
+    log = Path(task.source)
+    digest, size = "", 0
+    target = store / DRIVES / f"{task.name}.drive"
+    try:
+        digest, size = _hash(source_files(log))
+        known = task.known
+        if known is not None and known.hash == digest and known.error is None and is_drive_folder(target):
+            return Imported("same", replace(known, stamp=task.stamp))
+        drive = read_log(log)
+        write_drive(drive, target, overwrite=True, durable=False)
+        entry = entry_of(drive, source=task.source, name=task.name, stamp=task.stamp, hash=digest, bytes=size)
+        return Imported("imported", entry)
+    except (LogError, OSError) as error:
+        return _failed(task, digest, size, str(error))
+    except MemoryError:
+        return _failed(task, digest, size, f"{log}: is too large for the memory at hand.")
+
+
+def _failed(task: _Task, digest: str, size: int, error: str) -> Imported:
+    """What was made of an earlier state of the source stays."""
+    if task.known is not None and task.known.name is not None:
+        return Imported("failed", replace(task.known, stamp=task.stamp, error=error))
+    return Imported("failed", Entry(task.source, None, task.stamp, digest, size, error=error))
+
+
+def _hash(files: Sequence[Path]) -> tuple[str, int]:
+    """SHA-256 over the names, sizes and contents of a log's files; and their size in bytes."""
+    found, total = sha256(), 0
+    for path in files:
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            found.update(json.dumps([path.name, size]).encode())
+            while block := file.read(_HASH_BLOCK):
+                found.update(block)
+                total += len(block)
+    return found.hexdigest(), total

@@ -1,0 +1,203 @@
+"""The compressed form of a store: one ZIP file, whose drives are read one by one."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import tempfile
+import threading
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]
+
+from jaxradar._errors import LogError
+from jaxradar.drive import Drive
+from jaxradar.drivefile import HEADER, staged
+from jaxradar.drivefile.layout import parse_header
+from jaxradar.drivefile.reader import assemble_drive
+from jaxradar.store.catalogue import Catalogue, Entry
+
+__all__ = ["CATALOGUE", "DRIVES", "FORMAT", "MARKER", "VERSION", "Archive", "is_archive", "pack", "read_archived"]
+
+FORMAT = "jaxradar.store"
+VERSION = 1
+MARKER = "store.json"
+CATALOGUE = "catalogue.sqlite"
+DRIVES = "drives"
+
+LEVEL = 3  # of Zstandard: higher ones take five times as long and save a tenth
+MOST_FILE_BYTES = 1 << 36  # what is stated to be longer is damaged
+_DAMAGE = (OSError, EOFError, RuntimeError, ValueError, KeyError, NotImplementedError, struct.error)
+_DAMAGES = (*_DAMAGE, zipfile.BadZipFile, zlib.error, pa.ArrowException)
+
+
+def is_archive(path: Path) -> bool:
+    """Whether a path is a file that claims to be an archive of a store: a ZIP file that begins with the marker."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(30 + len(MARKER))
+    except (OSError, ValueError):
+        return False
+    return start[:4] == b"PK\3\4" and start[30:] == MARKER.encode()
+
+
+def pack(
+    store: Path, archive: Path, *, overwrite: bool = False, advance: Callable[[int], None] = lambda sweeps: None
+) -> None:
+    """Write the archive of a store's folder. `advance` hears how many sweeps each drive had once it is in.
+
+    Raises `LogError` if `archive` exists (with `overwrite`: if it is something else than an archive), if it cannot be
+    written, or if the store is damaged; what was there before is then left as it was.
+    """
+    with (
+        Catalogue(store / CATALOGUE) as catalogue,
+        staged(archive, overwrite=overwrite, replaceable=is_archive) as fresh,
+        zipfile.ZipFile(fresh, "w", allowZip64=True) as target,
+    ):
+        target.write(store / MARKER, MARKER)
+        target.write(store / CATALOGUE, CATALOGUE, zipfile.ZIP_DEFLATED)
+        codec = pa.Codec("zstd", LEVEL)
+        for entry in catalogue.entries():
+            if entry.name is None:
+                continue
+            name = f"{DRIVES}/{entry.name}.drive"
+            for file in sorted((store / name).iterdir()):
+                if file.name == HEADER:
+                    target.write(file, f"{name}/{HEADER}", zipfile.ZIP_DEFLATED)
+                else:
+                    target.writestr(f"{name}/{file.name}.zst", _compressed(codec, file))
+            advance(entry.sweeps)
+
+
+def _compressed(codec: Any, file: Path) -> bytes:
+    content = np.frombuffer(file.read_bytes(), np.uint8)
+    width = _width(file.name, len(content))
+    apart = np.ascontiguousarray(content.reshape(-1, width).T)
+    return struct.pack("<QB", len(content), width) + codec.compress(apart.tobytes(), asbytes=True)
+
+
+def _width(name: str, size: int) -> int:
+    """Bytes of an item that are taken apart: those of sweeps, where neighbours differ in the lower one alone."""
+    return 2 if name.endswith(".sweeps") and size % 2 == 0 else 1
+
+
+@dataclass(frozen=True, eq=False)
+class Archive:
+    """An open archive: one for each path in a process, read by any number of threads."""
+
+    path: Path
+    file: zipfile.ZipFile
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+    @classmethod
+    def of(cls, path: Path) -> Archive:
+        """The archive at a path as it is now. Raises `LogError`."""
+        with _said(path):
+            state = path.stat()
+            return _open(path, os.path.realpath(path), state.st_size, state.st_mtime_ns)
+
+    def content(self, name: str) -> bytes:
+        """A member as it stands, its checksum compared. Raises `LogError`."""
+        with _said(self.path, name), self.lock:
+            return self.file.read(name)
+
+    def entries(self) -> tuple[Entry, ...]:
+        """What the catalogue says. Raises `LogError`."""
+        # SQLite reads files alone.
+        with tempfile.TemporaryDirectory() as folder:
+            place = Path(folder) / CATALOGUE
+            place.write_bytes(self.content(CATALOGUE))
+            try:
+                with Catalogue(place) as catalogue:
+                    return tuple(catalogue.entries())
+            except LogError as error:
+                raise LogError(self.path, f"{CATALOGUE} in it {error.problem}") from error
+
+    def drives(self) -> Iterator[str]:
+        """The names of its drives' folders."""
+        for name in self.file.namelist():
+            if name.endswith(f".drive/{HEADER}"):
+                yield name.removesuffix(f"/{HEADER}")
+
+    def read(self, name: str) -> Drive:
+        """A drive by the name of its folder in the archive. Raises `LogError`."""
+        files = _Files(self, name)
+        return assemble_drive(files, parse_header(files.place(HEADER), self.content(f"{name}/{HEADER}")))
+
+
+@lru_cache(maxsize=8)
+def _open(path: Path, real: str, size: int, changed_ns: int) -> Archive:
+    archive = Archive(path, zipfile.ZipFile(path))
+    marker = path / MARKER
+    held = json.loads(archive.content(MARKER))
+    if not isinstance(held, dict) or held.get("format") != FORMAT or held.get("version") != VERSION:
+        raise LogError(marker, f"holds {held!r:.80}; expected format {FORMAT!r} of version {VERSION}.")
+    return archive
+
+
+@dataclass(frozen=True)
+class _Files:
+    """The files of one drive, taken out of the archive as they are asked for."""
+
+    archive: Archive
+    folder: str
+    held: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def _bytes(self, name: str) -> np.ndarray:
+        if name not in self.held:
+            member = f"{self.folder}/{name}.zst"
+            packed = self.archive.content(member)
+            with _said(self.archive.path, member):
+                size, width = struct.unpack_from("<QB", packed)
+                if size > MOST_FILE_BYTES or width not in (1, 2) or size % width or size > 60_000 * len(packed):
+                    raise ValueError(f"states {size} bytes of width {width}")
+                apart = pa.Codec("zstd").decompress(memoryview(packed)[9:], decompressed_size=size)
+                # In memory where a program reads it without a copy: pyarrow's buffers and NumPy's large arrays are.
+                whole = np.frombuffer(apart, np.uint8).reshape(width, -1).T
+                self.held[name] = np.ascontiguousarray(whole).reshape(-1)
+        return self.held[name]
+
+    def size(self, name: str) -> int:
+        return len(self._bytes(name))
+
+    def items(self, name: str, dtype: np.dtype) -> np.ndarray:
+        held = self._bytes(name)
+        count = len(held) // dtype.itemsize
+        found = held[: count * dtype.itemsize].view(dtype.base).reshape(count, *dtype.shape)
+        found.flags.writeable = False
+        return found
+
+    def content(self, name: str) -> bytes:
+        return self._bytes(name).tobytes()
+
+    def place(self, name: str) -> Path:
+        return self.archive.path / self.folder / name
+
+
+def read_archived(path: Path) -> Drive | None:
+    """The drive at `ARCHIVE/drives/NAME.drive`; None if no part of the path is an archive. Raises `LogError`."""
+    for archive in path.parents:
+        if is_archive(archive):
+            return Archive.of(archive).read(path.relative_to(archive).as_posix())
+    return None
+
+
+@contextmanager
+def _said(path: Path, member: str = "") -> Iterator[None]:
+    try:
+        yield
+    except LogError:
+        raise
+    except _DAMAGES as error:
+        said = getattr(error, "strerror", None) or error
+        about = f"{member} in it cannot be read" if member else "cannot be read"
+        raise LogError(path, f"{about} ({said}); the archive is damaged or no archive.") from error

@@ -1,0 +1,307 @@
+"""Series of any length through one compiled program: lanes side by side that take the next series when one ends.
+
+A *chunk* holds some sweeps of each lane; a state for each lane goes from chunk to chunk. A series begins at the start
+of a chunk, where its lane's state is made anew, and ends somewhere in one; only the rest of that one is padding. So
+one program serves series of every length, what is held in memory does not grow with their number or length, and what
+a series comes to does not depend on which others went along.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+import queue
+import threading
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxradar._errors import ConfigError
+from jaxradar._numerics import compiled
+from jaxradar._toml import nearest
+from jaxradar.drive import SensorSeries
+from jaxradar.systems.step.blocks import advance, initial
+from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
+from jaxradar.systems.step.pipeline import precision, time_steps
+
+__all__ = ["detect_series"]
+
+# Sweeps in a chunk, enough that a program's work outweighs its call, and lanes: those that go through time one by one
+# want a register's width of them, many times over. Measured by `benches/run.py store`.
+CHUNK_SWEEPS = 16384
+LANES_BY_TIME = 64
+LANES_BY_LOGS = 16
+LANES_ON_ACCELERATOR = 1024
+MOST_CHUNK_BYTES = 16 << 20
+LOOK_AHEAD = 512  # series that wait, among which those of one range axis are picked
+LOOK_AHEAD_BYTES = 128 << 20  # of those that lie in memory
+ALIGNMENT = 64  # bytes: what the program reads where it lies
+
+Fields = tuple[str, ...]
+
+
+def detect_series(
+    detector: StepDetector[Any, Any],
+    series: Iterable[SensorSeries],
+    fields: Fields = ("range_m", "speed_m_s", "valid", "event"),
+) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
+    """Those `fields` of the `Decision`s on each series, each (sweeps,), with the place of the series among all.
+
+    They come in the order in which they end, which is not that of the series. Series of one range axis share lanes,
+    so a mixture is gone through axis by axis as far as the look-ahead reaches; what lies in memory maps is read as it
+    is needed. On a CPU a thread for each core goes through its own lanes if the detector is `sequential`; otherwise,
+    and on accelerators, each local device has one. The results are those of `detect`, and the same whichever series go
+    along.
+
+    Raises `ConfigError` for an unknown field, and what reading `series` raises, once all that was read is given out.
+    """
+    known = [field.name for field in dataclasses.fields(Decision)]
+    for name in fields:
+        if name not in known:
+            raise ConfigError(f"unknown field `{name}`{nearest(name, known)}; expected {', '.join(known)}.")
+    feed = _Feed(series)
+    done: queue.Queue[Any] = queue.Queue(maxsize=LOOK_AHEAD)
+    workers = [_Lanes(detector, tuple(fields), device, feed, done) for device in _devices(detector)]
+    threads = [threading.Thread(target=worker.run, daemon=True) for worker in workers]
+    for thread in threads:
+        thread.start()
+    try:
+        working = len(threads)
+        while working:
+            item = done.get()
+            if item is None:
+                working -= 1
+            elif isinstance(item, BaseException):
+                raise item
+            else:
+                yield item
+        if feed.error is not None:
+            raise feed.error
+    finally:
+        feed.stop()
+        while any(thread.is_alive() for thread in threads):
+            with contextlib.suppress(queue.Empty):  # who waits to hand in a result ends after that
+                done.get(timeout=0.05)
+
+
+def _devices(detector: StepDetector[Any, Any]) -> list[jax.Device]:
+    """One for each thread."""
+    devices = jax.local_devices()
+    if len(devices) > 1 or devices[0].platform != "cpu":
+        return devices
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return devices * (cores if detector.sequential else 1)
+
+
+class _Feed:
+    """The series to come, each with its place, picked by their range axis."""
+
+    def __init__(self, series: Iterable[SensorSeries]) -> None:
+        self._source = enumerate(series)
+        self._waiting: dict[Any, list[tuple[int, SensorSeries]]] = {}
+        self._count = self._bytes = 0
+        self._lock = threading.Lock()
+        self._ended = False
+        self.error: BaseException | None = None
+
+    def stop(self) -> None:
+        """Nobody gets any more."""
+        self._ended = True
+        with self._lock:
+            self._waiting.clear()
+
+    def take(self, axis: Any) -> tuple[Any, int, SensorSeries] | None:
+        """The next with this axis; with None the next of the axis that most wait with. None if there is none."""
+        with self._lock:
+            self._look_ahead()
+            if axis is None and self._waiting:
+                axis = max(self._waiting, key=lambda one: len(self._waiting[one]))
+            held = self._waiting.get(axis)
+            if not held:
+                return None
+            place, series = held.pop(0)
+            if not held:
+                del self._waiting[axis]
+            self._count -= 1
+            self._bytes -= _bytes_in_memory(series)
+            return axis, place, series
+
+    def _look_ahead(self) -> None:
+        while not self._ended and self._count < LOOK_AHEAD and self._bytes < LOOK_AHEAD_BYTES:
+            try:
+                item = next(self._source, None)
+            except BaseException as error:
+                self.error, item = error, None
+            if item is None:
+                self._ended = True
+                return
+            axis = (item[1].sweeps.dtype.str, item[1].range_m.tobytes())
+            self._waiting.setdefault(axis, []).append(item)
+            self._count += 1
+            self._bytes += _bytes_in_memory(item[1])
+
+
+def _bytes_in_memory(series: SensorSeries) -> int:
+    return 0 if isinstance(series.sweeps, np.memmap) else int(series.sweeps.nbytes)
+
+
+@dataclasses.dataclass
+class _Lane:
+    """A series on its way: how far it was read, and what was found so far."""
+
+    place: int
+    series: SensorSeries
+    dt: np.ndarray
+    found: dict[str, np.ndarray]
+    read: int = 0
+
+
+# A lane's share of a chunk: which lane, the series on it, the first of its sweeps there and their number.
+Share = tuple[int, _Lane, int, int]
+
+
+class _Chunk:
+    """The arrays of one chunk, read by the program where they lie."""
+
+    def __init__(self, lanes: int, sweeps: int, bins: int, dtype: np.dtype) -> None:
+        self.sweeps = _aligned((lanes, sweeps, bins), dtype)
+        self.flags = _aligned((lanes, sweeps), np.dtype(np.uint16))
+        self.dt = _aligned((lanes, sweeps), np.dtype(np.float64))
+        self.lengths = np.zeros(lanes, np.int32)
+        self.fresh = np.zeros(lanes, bool)
+        self.shares: list[Share] = []
+
+
+def _aligned(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+    size = int(np.prod(shape)) * dtype.itemsize
+    raw = np.zeros(size + ALIGNMENT, np.uint8)
+    start = -raw.ctypes.data % ALIGNMENT
+    return raw[start : start + size].view(dtype).reshape(shape)
+
+
+class _Lanes:
+    """One thread's lanes: fills a chunk while the one before is computed."""
+
+    def __init__(
+        self,
+        detector: StepDetector[Any, Any],
+        fields: Fields,
+        device: jax.Device,
+        feed: _Feed,
+        done: queue.Queue[Any],
+    ) -> None:
+        self.detector, self.fields, self.device, self.feed, self.done = detector, fields, device, feed, done
+
+    def run(self) -> None:
+        try:
+            double = self.detector.float64 or jax.config.jax_enable_x64  # type: ignore[attr-defined]
+            with jax.enable_x64(double), precision(self.detector), jax.default_device(self.device):
+                while (first := self.feed.take(None)) is not None:
+                    self._one_axis(first)
+            self.done.put(None)
+        except BaseException as error:  # handed to who waits for the results
+            self.done.put(error)
+
+    def _one_axis(self, first: tuple[Any, int, SensorSeries]) -> None:
+        """All series of one range axis, until none of it waits any more."""
+        key, _, series = first
+        axis = RangeAxis.of(series.range_m)
+        lanes, sweeps = _chunk_shape(self.detector, axis.bins * series.sweeps.dtype.itemsize, self.device.platform)
+        chunks = [_Chunk(lanes, sweeps, axis.bins, series.sweeps.dtype) for _ in range(2)]
+        state = _start(self.detector, axis, lanes)
+        held: list[_Lane | None] = [None] * lanes
+        next_one: tuple[Any, int, SensorSeries] | None = first
+        running: tuple[_Chunk, dict[str, Any]] | None = None
+        turn = 0
+        while True:
+            chunk = chunks[turn % 2]
+            for lane in range(lanes):
+                while held[lane] is None:
+                    taken = next_one if next_one is not None else self.feed.take(key)
+                    next_one = None
+                    if taken is None:
+                        break
+                    held[lane] = self._begin(taken[1], taken[2])
+            self._fill(chunk, held, sweeps)
+            if chunk.shares:
+                inputs = (chunk.fresh, chunk.sweeps, chunk.flags, chunk.dt, chunk.lengths)
+                with contextlib.nullcontext() if turn else _first_call:
+                    state, found = _advance(self.fields, self.detector, axis, state, *inputs)
+            if running is not None:
+                self._collect(*running)
+            if not chunk.shares:
+                return
+            running = (chunk, found)
+            turn += 1
+
+    def _begin(self, place: int, series: SensorSeries) -> _Lane | None:
+        if not len(series):
+            self.done.put((place, {name: np.empty(0, bool if name in _FLAGS else float) for name in self.fields}))
+            return None
+        return _Lane(place, series, time_steps(series.times_ns), {})
+
+    @staticmethod
+    def _fill(chunk: _Chunk, held: list[_Lane | None], sweeps: int) -> None:
+        chunk.shares = []
+        chunk.lengths[:] = 0
+        chunk.fresh[:] = False
+        for at, lane in enumerate(held):
+            if lane is None:
+                continue
+            part = slice(lane.read, min(lane.read + sweeps, len(lane.series)))
+            count = part.stop - part.start
+            chunk.sweeps[at, :count] = lane.series.sweeps[part]
+            chunk.flags[at, :count] = lane.series.flags[part]
+            chunk.dt[at, :count] = lane.dt[part]
+            chunk.lengths[at] = count
+            chunk.fresh[at] = lane.read == 0
+            chunk.shares.append((at, lane, lane.read, count))
+            lane.read = part.stop
+            if lane.read == len(lane.series):
+                held[at] = None
+
+    def _collect(self, chunk: _Chunk, found: Mapping[str, Any]) -> None:
+        host = {name: np.asarray(values) for name, values in found.items()}
+        for at, lane, first, count in chunk.shares:
+            if not first:
+                lane.found = {name: np.empty(len(lane.series), values.dtype) for name, values in host.items()}
+            for name, values in host.items():
+                lane.found[name][first : first + count] = values[at, :count]
+            if first + count == len(lane.series):
+                self.done.put((lane.place, lane.found))
+
+
+_FLAGS = ("valid", "saturated", "event")
+# Two threads would compile the same program side by side.
+_first_call = threading.Lock()
+
+
+def _chunk_shape(detector: StepDetector[Any, Any], sweep_bytes: int, platform: str) -> tuple[int, int]:
+    """Lanes, and sweeps of each."""
+    lanes = LANES_BY_TIME if detector.sequential else LANES_BY_LOGS
+    if platform != "cpu":
+        lanes = LANES_ON_ACCELERATOR
+    most = max(16, MOST_CHUNK_BYTES // (lanes * sweep_bytes))
+    return lanes, min(most, max(16, CHUNK_SWEEPS // lanes))
+
+
+def _start(detector: StepDetector[Any, Any], axis: RangeAxis, lanes: int) -> Any:
+    return jax.tree.map(lambda leaf: jnp.array(leaf), initial(detector, axis, lanes))
+
+
+def _advance_fields(fields: Fields, detector: StepDetector[Any, Any], axis: RangeAxis, state: Any, *inputs: Any) -> Any:
+    fresh, sweeps, flags, dt, lengths = inputs
+
+    def pick(decisions: Decision) -> dict[str, Any]:
+        return {name: getattr(decisions, name) for name in fields}
+
+    anew = initial(detector, axis, len(fresh))
+    state = jax.tree.map(lambda new, old: jnp.where(fresh.reshape(-1, *[1] * (old.ndim - 1)), new, old), anew, state)
+    return advance(detector, axis, pick, state, sweeps, flags, dt.astype(jnp.result_type(float)), lengths)
+
+
+_advance = compiled(_advance_fields, static_argnums=0)
