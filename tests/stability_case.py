@@ -22,8 +22,8 @@ class Case:
 
     `answer`: what the oracle says of one input. `scale`: what the error of each number is divided by, in words for the
     report; `bound`: on that error in float32, `bound64` in float64. `smooth`: the arguments to differentiate by,
-    `settings`: those of them, scalars, that tuning bends (a second derivative). `flat`: numbers that have no gradient by contract. `undefined`: inputs whose answer is
-    open, only to be finite.
+    `settings`: those of them, scalars, that tuning bends (a second derivative). `flat`: numbers that have no gradient
+    by contract. `undefined`: inputs whose answer is open, only to be finite.
     """
 
     name: str
