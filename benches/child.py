@@ -6,13 +6,14 @@ import json
 import os
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from data import UnavailableError, make_batch
-from memory import growth_bytes
+from memory import anonymous_bytes, growth_bytes
 
 __all__ = ["ask"]
 
@@ -104,11 +105,62 @@ def scenes(durations_s: list[float]) -> dict[str, Any]:
     return {"grown": grown}
 
 
+def store(path: str, detector: str) -> dict[str, Any]:
+    """Evaluating a store: `anonymous`, the most memory that is not a file's, in bytes."""
+    from jaxradar.evaluation import Settings, evaluate_each
+    from jaxradar.logs import find_logs
+    from jaxradar.systems.step import load_detector
+
+    most, ended = 0, threading.Event()
+
+    def look() -> None:
+        nonlocal most
+        while not ended.wait(0.02):
+            most = max(most, anonymous_bytes())
+
+    watcher = threading.Thread(target=look)
+    watcher.start()
+    try:
+        paths = [str(one) for one in find_logs([path])]
+        for _ in evaluate_each(paths, Settings(load_detector(detector).detector)):
+            pass
+    finally:
+        ended.set()
+        watcher.join()
+    return {"anonymous": most}
+
+
+def workers(path: str, count: int, workers: int, cores: int) -> dict[str, Any]:
+    """The first drives of a store on so many pinned workers (0: in this process), which were started before."""
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
+    from jaxradar._cache import keep_compiled_programs
+    from jaxradar.cluster import cluster_of
+
+    keep_compiled_programs()
+    from jaxradar.evaluation import Settings, evaluate_parts
+    from jaxradar.logs import find_logs
+    from jaxradar.systems.step import load_detector
+
+    paths = [str(one) for one in find_logs([path])][:count]
+    settings = Settings(load_detector("default").detector)
+    with cluster_of(f"local:{workers}" if workers else None) as cluster:
+        for _ in evaluate_parts(paths, settings, cluster):  # every worker compiles, and every page is read
+            pass
+        seconds = []
+        for _ in range(3):
+            start = time.perf_counter()
+            sweeps = sum(one.sweeps for one in evaluate_parts(paths, settings, cluster))
+            seconds.append(time.perf_counter() - start)
+    return {"seconds": sorted(seconds)[1], "sweeps": sweeps}
+
+
 if __name__ == "__main__":
     tasks: dict[str, Callable[..., dict[str, Any]]] = {
         "memory": memory,
         "gradient": gradient,
         "compiling": compiling,
         "scenes": scenes,
+        "store": store,
+        "workers": workers,
     }
     print(json.dumps(tasks[sys.argv[1]](**json.loads(sys.argv[2]))))

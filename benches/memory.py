@@ -12,7 +12,7 @@ from pathlib import Path
 
 from data import UnavailableError
 
-__all__ = ["growth_bytes"]
+__all__ = ["anonymous_bytes", "growth_bytes"]
 
 _STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
@@ -22,6 +22,13 @@ def _status(key: str) -> int:
         if line.startswith(key):
             return int(line.split()[1]) * 1024
     raise UnavailableError(f"the kernel does not tell `{key}` of a process.")
+
+
+def anonymous_bytes() -> int:
+    """What this process holds in memory now that is no file's. Raises `UnavailableError` without /proc."""
+    if not _STATUS.exists():
+        raise UnavailableError("there is no /proc to read a process's memory from.")
+    return _status("RssAnon")
 
 
 def growth_bytes(call: Callable[[], object]) -> int:

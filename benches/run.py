@@ -29,6 +29,7 @@ SECTIONS = {
     "gradient": "gradient",
     "compile": "compiling",
     "scenes": "scenes",
+    "store": "store",
     "acconeer": "acconeer",
     "gpu": "gpu",
 }

@@ -8,7 +8,6 @@ so that sums are made in one order, whoever made the terms.
 from __future__ import annotations
 
 import functools
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -117,6 +116,8 @@ def cluster_of(given: str | Cluster | None) -> Iterator[Cluster | None]:
         raise ConfigError(f"unknown cluster {given!r}; expected tcp://HOST:PORT, tls://HOST:PORT or local:N.")
     try:
         from distributed import Client, LocalCluster
+
+        from jaxradar._worker import Ready
     except ImportError:
         raise ConfigError("a cluster needs Dask: pip install 'jaxradar[cluster]'.") from None
     if kind != "local":
@@ -125,35 +126,16 @@ def cluster_of(given: str | Cluster | None) -> Iterator[Cluster | None]:
         except (OSError, TimeoutError, ValueError) as error:
             raise ConfigError(f"no scheduler answers at {given} ({error}).") from None
         with client:
-            client.register_plugin(_plugin(None))
+            client.register_plugin(Ready())
             yield Cluster(client)
         return
     keep_compiled_programs()
     with (
         LocalCluster(
-            int(rest), threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1", memory_limit=0
+            int(rest), threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0", host="127.0.0.1", memory_limit=0
         ) as made,
         Client(made, timeout=CONNECT_SECONDS) as client,
     ):
-        client.register_plugin(_plugin(int(rest)))
+        client.register_plugin(Ready(int(rest)))
         client.wait_for_workers(int(rest))
         yield Cluster(client)
-
-
-def _plugin(share: int | None) -> Any:
-    """What each worker does first, and each that comes later: it keeps compiled programs, as the command line does;
-    of `share` workers on this machine each takes its own cores."""
-    from distributed import WorkerPlugin
-
-    class Ready(WorkerPlugin):
-        name = "jaxradar"
-
-        def setup(self, worker: Any) -> None:
-            keep_compiled_programs()
-            if share is not None and hasattr(os, "sched_setaffinity"):
-                cores = sorted(os.sched_getaffinity(0))
-                # A worker that takes the place of one that died has its number and a suffix.
-                number = int(str(worker.name).partition("-")[0])
-                os.sched_setaffinity(0, cores[number % share :: share] if len(cores) >= share else cores)
-
-    return Ready()

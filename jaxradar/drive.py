@@ -97,7 +97,7 @@ class SensorSeries:
     @property
     def duration_s(self) -> float:
         """Seconds from the first sweep to the last in time; 0 for fewer than two sweeps."""
-        return float(self.times_ns.max() - self.times_ns.min()) / NANOSECONDS if len(self) else 0.0
+        return (int(self.times_ns.max()) - int(self.times_ns.min())) / NANOSECONDS if len(self) else 0.0
 
     @property
     def sweep_rate_hz(self) -> float | None:

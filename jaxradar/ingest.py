@@ -11,7 +11,7 @@ from __future__ import annotations
 import glob
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -22,11 +22,12 @@ from multiprocessing import get_all_start_methods, get_context
 from os import PathLike
 from pathlib import Path
 from time import monotonic
+from typing import Any
 
 from jaxradar._errors import LogError
 from jaxradar.drivefile import is_drive_folder, write_drive
 from jaxradar.logs import find_logs, read_log, source_files
-from jaxradar.store import CATALOGUE, DRIVES, MARKER, Catalogue, Entry, entry_of, make_store
+from jaxradar.store import CATALOGUE, DRIVES, MARKER, Catalogue, Entry, archived_members, entry_of, make_store
 
 __all__ = ["Imported", "import_logs"]
 
@@ -107,13 +108,15 @@ def _cores() -> int:
 def _tasks(store: Path, logs: Iterable[str | PathLike[str]], known: dict[str, Entry]) -> Iterator[_Task | Imported]:
     """What is to be read, and what need not be."""
     taken = {entry.name for entry in known.values() if entry.name}
+    met: set[str] = set()
     inside = os.path.realpath(store) + os.sep
     for given in logs:
         root = _root(os.fspath(given))
         for log in find_logs([given]):
             source = os.path.realpath(log)
-            if source.startswith(inside):
+            if source.startswith(inside) or source in met:
                 continue
+            met.add(source)
             held = known.get(source)
             stamp = _stamp(log)
             if held is not None and held.stamp == stamp:
@@ -125,7 +128,6 @@ def _tasks(store: Path, logs: Iterable[str | PathLike[str]], known: dict[str, En
                     continue
             name = (held.name if held else None) or _free_name(_name(log, root), taken)
             taken.add(name)
-            known[source] = replace(held, stamp=stamp) if held else Entry(source, None, stamp, "", 0)
             yield _Task(source, name, stamp, held)
 
 
@@ -156,14 +158,15 @@ def _free_name(name: str, taken: set[str]) -> str:
 
 
 def _stamp(log: Path) -> str:
-    found = []
+    found: list[Any] = []
+    members = archived_members(log)
     for file in source_files(log):
         try:
             state = file.stat()
         except OSError:
             continue
         found.append([file.name, state.st_size, state.st_mtime_ns])
-    return json.dumps(found)
+    return json.dumps(found if members is None else members)
 
 
 def _work(store: Path, tasks: Iterator[_Task | Imported], workers: int) -> Iterator[Imported]:
@@ -235,7 +238,7 @@ def _import_one(store: Path, task: _Task) -> Imported:
     digest, size = "", 0
     target = store / DRIVES / f"{task.name}.drive"
     try:
-        digest, size = _hash(source_files(log))
+        digest, size = _hash(log)
         known = task.known
         if known is not None and known.hash == digest and known.error is None and is_drive_folder(target):
             return Imported("same", replace(known, stamp=task.stamp))
@@ -256,10 +259,14 @@ def _failed(task: _Task, digest: str, size: int, error: str) -> Imported:
     return Imported("failed", Entry(task.source, None, task.stamp, digest, size, error=error))
 
 
-def _hash(files: Sequence[Path]) -> tuple[str, int]:
-    """SHA-256 over the names, sizes and contents of a log's files; and their size in bytes."""
+def _hash(log: Path) -> tuple[str, int]:
+    """SHA-256 over the names, sizes and contents of a log's files, and their size in bytes; of a drive in an archive
+    over the checksums that this states."""
+    members = archived_members(log)
+    if members is not None:
+        return sha256(json.dumps(members).encode()).hexdigest(), sum(size for _, size, _ in members)
     found, total = sha256(), 0
-    for path in files:
+    for path in source_files(log):
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             found.update(json.dumps([path.name, size]).encode())

@@ -11,7 +11,7 @@ can be read alone; `header.json` and the catalogue stand as they are, deflated.
 `jaxradar import` (`jaxradar.ingest`) makes both.
 """
 
-from jaxradar.store.archive import is_archive, pack, read_archived
+from jaxradar.store.archive import archived_members, is_archive, pack, read_archived
 from jaxradar.store.catalogue import Catalogue, Entry, SensorEntry, entry_of
 from jaxradar.store.folder import CATALOGUE, DRIVES, MARKER, Store, is_store, make_store, open_store
 
@@ -23,6 +23,7 @@ __all__ = [
     "Entry",
     "SensorEntry",
     "Store",
+    "archived_members",
     "entry_of",
     "is_archive",
     "is_store",

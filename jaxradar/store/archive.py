@@ -26,7 +26,18 @@ from jaxradar.drivefile.layout import parse_header
 from jaxradar.drivefile.reader import assemble_drive
 from jaxradar.store.catalogue import Catalogue, Entry
 
-__all__ = ["CATALOGUE", "DRIVES", "FORMAT", "MARKER", "VERSION", "Archive", "is_archive", "pack", "read_archived"]
+__all__ = [
+    "CATALOGUE",
+    "DRIVES",
+    "FORMAT",
+    "MARKER",
+    "VERSION",
+    "Archive",
+    "archived_members",
+    "is_archive",
+    "pack",
+    "read_archived",
+]
 
 FORMAT = "jaxradar.store"
 VERSION = 1
@@ -185,9 +196,24 @@ class _Files:
 
 def read_archived(path: Path) -> Drive | None:
     """The drive at `ARCHIVE/drives/NAME.drive`; None if no part of the path is an archive. Raises `LogError`."""
+    found = _inside(path)
+    return None if found is None else found[0].read(found[1])
+
+
+def archived_members(path: Path) -> list[tuple[str, int, int]] | None:
+    """Name, size and CRC-32 of each file of such a drive, as the archive states them; None likewise."""
+    found = _inside(path)
+    if found is None:
+        return None
+    archive, name = found
+    held = [one for one in archive.file.infolist() if one.filename.startswith(f"{name}/")]
+    return [(one.filename.rpartition("/")[2], one.file_size, one.CRC) for one in held]
+
+
+def _inside(path: Path) -> tuple[Archive, str] | None:
     for archive in path.parents:
         if is_archive(archive):
-            return Archive.of(archive).read(path.relative_to(archive).as_posix())
+            return Archive.of(archive), path.relative_to(archive).as_posix()
     return None
 
 
