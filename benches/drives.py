@@ -51,13 +51,12 @@ def make_csv(folder: Path, count: int) -> list[Path]:
     """So many drives as the lab's CSV, unless they are there."""
     from jaxradar.logs import write_log
 
-    made = []
-    for name, drive in itertools.islice(_simulated(count), count):
-        target = folder / name
-        if not target.exists():
-            write_log(drive, target)
-        made.append(target)
-    return made
+    made = sorted(folder.iterdir()) if folder.exists() else []
+    if len(made) != count:
+        shutil.rmtree(folder, ignore_errors=True)
+        for name, drive in itertools.islice(_simulated(count), count):
+            write_log(drive, folder / name)
+    return sorted(folder.iterdir())
 
 
 def make_drives(folder: Path, distinct: int, count: int) -> Path:

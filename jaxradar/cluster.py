@@ -132,7 +132,12 @@ def cluster_of(given: str | Cluster | None) -> Iterator[Cluster | None]:
     keep_compiled_programs()
     with (
         LocalCluster(
-            int(rest), threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0", host="127.0.0.1", memory_limit=0
+            int(rest),
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            memory_limit=0,
         ) as made,
         Client(made, timeout=CONNECT_SECONDS) as client,
     ):

@@ -1,6 +1,7 @@
-"""Malformed variants of valid logs: bytes flipped, inserted, deleted, repeated, files cut off.
+"""Malformed variants of valid logs, stores, archives and settings: bytes flipped, inserted, deleted, repeated, cut off.
 
-Whatever comes out must be a `Drive` or a `LogError`, within a second of computing and without taking memory. The
+Whatever comes out must be what was asked for, or a `LogError` or `ConfigError` that names the file, within a second of
+computing and without taking memory. The
 variants are a function of their number, so that a failure can be repeated.
 """
 
@@ -12,21 +13,27 @@ import resource
 import shutil
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 from log_samples import FIGURE_TEXT, sample_drive
 
-from jaxradar._errors import LogError
+from jaxradar._errors import ConfigError, LogError
 from jaxradar.drive import Drive
 from jaxradar.drivefile import DriveWriter, SensorLayout, write_drive
 from jaxradar.logs import read_log, write_log
+from jaxradar.sim import dump_scene, load_scene
+from jaxradar.store import CATALOGUE, DRIVES, Catalogue, entry_of, make_store, open_store, pack
+from jaxradar.systems.step import dump_detector, load_detector
 
-__all__ = ["check_variants", "write_h5", "write_seeds"]
+__all__ = ["KINDS", "check_variants", "write_h5", "write_seeds"]
+
+KINDS = {".csv", "folder", ".h5", ".drive", ".store", ".zip", ".toml"}
 
 SECONDS = 1.0
-MOST_MEGABYTES = 500
+MOST_MEGABYTES = 200
 TOKENS = (
     b",",
     b"\n",
@@ -82,7 +89,40 @@ def write_seeds(folder: Path) -> list[Path]:
     write_drive(sample_drive(), folder / "closed.drive")
     writer = DriveWriter(folder / "open.drive", [SensorLayout(3, np.array([0.1, 0.2]))])
     writer.append(3, np.arange(5), np.arange(10, dtype=np.uint16).reshape(5, 2))
-    return [folder / name for name in ("3.csv", "log", "envelope.h5", "iq.h5", "closed.drive", "open.drive")]
+    store = folder / "some.store"
+    make_store(store)
+    with Catalogue(store / CATALOGUE, write=True) as catalogue:
+        for name in ("one", "below/two"):
+            write_drive(sample_drive(), store / DRIVES / f"{name}.drive", durable=False)
+            entry = entry_of(sample_drive(), source=name, name=name, stamp="[]", hash=name, bytes=1)
+            catalogue.put([replace(entry, problems=("a sentence",))])
+    pack(store, folder / "some.zip")
+    (folder / "detector.toml").write_text(dump_detector("default"))
+    (folder / "scene.toml").write_text(dump_scene(load_scene("trial")))
+    names = ("3.csv", "log", "envelope.h5", "iq.h5", "closed.drive", "open.drive")
+    return [folder / name for name in (*names, "some.store", "some.zip", "detector.toml", "scene.toml")]
+
+
+def _read(target: Path) -> bool:
+    """Whether all of it could be read; the error names the file."""
+    try:
+        if target.suffix == ".toml":
+            (load_detector if target.stem == "detector" else load_scene)(target)
+        elif target.suffix in (".store", ".zip"):
+            store = open_store(target)
+            for entry in store.drives:
+                _use(store.read(entry))
+        else:
+            _use(read_log(target))
+    except (LogError, ConfigError) as error:
+        assert str(error).startswith(str(target.parent)), f"names no file: {error}"
+        return False
+    return True
+
+
+def _use(drive: Drive) -> None:
+    for series in drive.sensors:
+        np.array(series.sweeps)
 
 
 def mutate(content: bytes, rng: random.Random) -> bytes:
@@ -118,7 +158,7 @@ def check_variants(seeds: list[Path], work: Path, first: int, count: int) -> Cou
         target = work / seed.name
         if seed.is_dir():
             shutil.copytree(seed, target)
-            part = rng.choice(sorted(target.iterdir()))
+            part = rng.choice(sorted(path for path in target.rglob("*") if path.is_file()))
         else:
             shutil.copy(seed, target)
             beside = seed.with_name(f"{seed.stem}.truth.json")
@@ -128,18 +168,12 @@ def check_variants(seeds: list[Path], work: Path, first: int, count: int) -> Cou
         part.write_bytes(mutate(part.read_bytes(), rng))
         start = time.process_time()  # not the clock on the wall: a busy machine would fail what is sound
         try:
-            drive = read_log(target)
-            for series in drive.sensors:
-                np.array(series.sweeps)
-            outcome = "drive"
-        except LogError:
-            outcome = "error"
+            sound = _read(target)
         except BaseException as error:
             raise AssertionError(f"variant {number} of {seed.name}: {type(error).__name__}: {error}") from error
         took = time.process_time() - start
         assert took < SECONDS, f"variant {number} of {seed.name} took {took:.1f} s"
-        assert outcome == "error" or isinstance(drive, Drive)
-        outcomes[f"{seed.suffix or 'folder'} {outcome}"] += 1
+        outcomes[f"{seed.suffix or 'folder'} {'sound' if sound else 'error'}"] += 1
         shutil.rmtree(work)
         work.mkdir()
     return outcomes

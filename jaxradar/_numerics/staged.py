@@ -40,6 +40,7 @@ __all__ = [
 ]
 
 LANES = 32
+LONGEST_SUM = 24  # terms
 MOST_STAGED = 8192  # bins; the program's size grows with them, so what is longer is reduced in the plain form
 
 Values = Shaped[Array | np.ndarray, "*shape bins"]
@@ -101,7 +102,18 @@ def tree(parts: list[Any], combine: Combine) -> Any:
 def total(values: Values) -> Reduced:
     """Sum over the last axis, of the type that `jnp.sum` gives."""
     values = jnp.asarray(values)
-    return _total(values) if in_stages(values) else jnp.sum(values, axis=-1)
+    return _total(values) if in_stages(values) else _plain_sum(values)
+
+
+def _plain_sum(values: Array) -> Array:
+    """Sum over the last axis in parts of `LONGEST_SUM`: what is longer XLA's CPU compiler turns into sums over windows,
+    which take four times as long where that axis is not the last in memory."""
+    count = values.shape[-1]
+    if jax.default_backend() != "cpu" or not LONGEST_SUM < count <= MOST_STAGED:
+        return jnp.sum(values, axis=-1)
+    parts = -(-count // LONGEST_SUM)
+    ends = [count * part // parts for part in range(parts + 1)]
+    return tree([jnp.sum(values[..., a:b], axis=-1) for a, b in zip(ends, ends[1:], strict=False)], jnp.add)
 
 
 @jax.custom_jvp
@@ -141,7 +153,7 @@ def summed(terms: Sequence[tuple[Array, ...]], count: int) -> tuple[Reduced, ...
         real = jnp.arange(last[0].shape[-1]) < last[0].shape[-1] - filled
         last = tuple(jnp.where(real, one, 0) for one in last)
     sums = tree([*others, last], lambda a, b: tuple(x + y for x, y in zip(a, b, strict=True)))
-    return tuple(jnp.sum(one, axis=-1) for one in sums)
+    return tuple(_plain_sum(one) for one in sums)
 
 
 def largest_of(of: Callable[..., Array], *arrays: Values) -> Reduced:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import mmap
 import os
 import zlib
 from collections.abc import Iterator, Mapping
@@ -25,6 +26,7 @@ __all__ = [
     "SensorLayout",
     "checksums",
     "columns_of",
+    "is_mapped",
     "map_items",
     "parse_header",
     "read_header",
@@ -145,13 +147,24 @@ def parse_header(path: Path, text: bytes) -> dict[str, Any]:
 
 
 def map_items(path: Path, dtype: np.dtype) -> np.ndarray:
-    """The whole items of a file, as a read-only memory map; an empty file cannot be mapped."""
-    count = path.stat().st_size // dtype.itemsize
-    if count:
-        return np.memmap(path, dtype.base, "r", shape=(count, *dtype.shape))
+    """The whole items of a file, read-only and mapped into memory; an empty file cannot be mapped."""
+    with path.open("rb") as file:
+        count = os.fstat(file.fileno()).st_size // dtype.itemsize
+        if count:
+            # Not `np.memmap`, every slice of which is a Python object that takes longer than what is made of it.
+            held = mmap.mmap(file.fileno(), count * dtype.itemsize, access=mmap.ACCESS_READ)
+            return np.frombuffer(held, dtype.base).reshape(count, *dtype.shape)
     empty = np.empty((0, *dtype.shape), dtype.base)
     empty.flags.writeable = False
     return empty
+
+
+def is_mapped(values: np.ndarray) -> bool:
+    """Whether an array is, or is a part of, a file that is mapped into memory."""
+    base: Any = values
+    while isinstance(base, np.ndarray):
+        base = base.base
+    return isinstance(base, mmap.mmap)
 
 
 def checksums(records: np.ndarray, rows: np.ndarray | None) -> Iterator[int]:

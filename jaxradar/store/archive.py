@@ -46,9 +46,10 @@ CATALOGUE = "catalogue.sqlite"
 DRIVES = "drives"
 
 LEVEL = 3  # of Zstandard: higher ones take five times as long and save a tenth
-MOST_FILE_BYTES = 1 << 36  # what is stated to be longer is damaged
-_DAMAGE = (OSError, EOFError, RuntimeError, ValueError, KeyError, NotImplementedError, struct.error)
-_DAMAGES = (*_DAMAGE, zipfile.BadZipFile, zlib.error, pa.ArrowException)
+_DAMAGES = (
+    *(OSError, EOFError, RuntimeError, ValueError, TypeError, KeyError, NotImplementedError, struct.error),
+    *(zipfile.BadZipFile, zlib.error, pa.ArrowException),
+)
 
 
 def is_archive(path: Path) -> bool:
@@ -141,8 +142,11 @@ class Archive:
 
     def read(self, name: str) -> Drive:
         """A drive by the name of its folder in the archive. Raises `LogError`."""
-        files = _Files(self, name)
-        return assemble_drive(files, parse_header(files.place(HEADER), self.content(f"{name}/{HEADER}")))
+        place = self.path / name / HEADER
+        header = parse_header(place, self.content(f"{name}/{HEADER}"))
+        with _said(self.path, f"{name}/{HEADER}"):
+            sizes = {file: int(held["bytes"]) for file, held in dict(header["sealed"]).items()}
+        return assemble_drive(_Files(self, name, sizes), header)
 
 
 @lru_cache(maxsize=8)
@@ -161,6 +165,7 @@ class _Files:
 
     archive: Archive
     folder: str
+    sizes: dict[str, int]  # that the header states
     held: dict[str, np.ndarray] = field(default_factory=dict)
 
     def _bytes(self, name: str) -> np.ndarray:
@@ -169,7 +174,7 @@ class _Files:
             packed = self.archive.content(member)
             with _said(self.archive.path, member):
                 size, width = struct.unpack_from("<QB", packed)
-                if size > MOST_FILE_BYTES or width not in (1, 2) or size % width or size > 60_000 * len(packed):
+                if size != self.sizes[name] or width not in (1, 2) or size % width:
                     raise ValueError(f"states {size} bytes of width {width}")
                 apart = pa.Codec("zstd").decompress(memoryview(packed)[9:], decompressed_size=size)
                 # In memory where a program reads it without a copy: pyarrow's buffers and NumPy's large arrays are.

@@ -111,8 +111,10 @@ class DefaultDetector(StepDetector[ProfileObservation, DefaultState]):
         floor = noise_floor(cells)
         middle, strength = strongest_cell(cells, floor.level, (2.0 * centres) ** self.exponent)
         profile = subtract_floor(cells, floor.level)
+        # The largest of the profile, without going through it again.
+        highest = subtract_floor(largest(cells)[None], floor.level)[0]
         near = jnp.round(middle * self._bins_per_cell(axis) - 0.5).astype(jnp.int32)
-        return SelectedEcho(profile, largest(profile), near, strength, floor)
+        return SelectedEcho(profile, highest, near, strength, floor)
 
     def estimator(self, axis: RangeAxis) -> PulseFit:
         """What refines the range of the selected echo."""

@@ -24,6 +24,7 @@ from jaxradar._errors import ConfigError
 from jaxradar._numerics import compiled
 from jaxradar._toml import nearest
 from jaxradar.drive import SensorSeries
+from jaxradar.drivefile.layout import is_mapped
 from jaxradar.systems.step.blocks import advance, initial
 from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
 from jaxradar.systems.step.pipeline import precision, time_steps
@@ -146,7 +147,7 @@ class _Feed:
 
 
 def _bytes_in_memory(series: SensorSeries) -> int:
-    return 0 if isinstance(series.sweeps, np.memmap) else int(series.sweeps.nbytes)
+    return 0 if is_mapped(series.sweeps) else int(series.sweeps.nbytes)
 
 
 @dataclasses.dataclass
