@@ -14,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import contextvars
 from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from typing import Any
 
 import jax
@@ -113,7 +114,7 @@ def _plain_sum(values: Array) -> Array:
         return jnp.sum(values, axis=-1)
     parts = -(-count // LONGEST_SUM)
     ends = [count * part // parts for part in range(parts + 1)]
-    return tree([jnp.sum(values[..., a:b], axis=-1) for a, b in zip(ends, ends[1:], strict=False)], jnp.add)
+    return tree([jnp.sum(values[..., a:b], axis=-1) for a, b in pairwise(ends)], jnp.add)
 
 
 @jax.custom_jvp

@@ -164,7 +164,7 @@ def is_mapped(values: np.ndarray) -> bool:
     base: Any = values
     while isinstance(base, np.ndarray):
         base = base.base
-    return isinstance(base, mmap.mmap)
+    return isinstance(base.obj if isinstance(base, memoryview) else base, mmap.mmap)
 
 
 def checksums(records: np.ndarray, rows: np.ndarray | None) -> Iterator[int]:
