@@ -63,8 +63,16 @@ def assert_as_alone(detector: Any, series: SensorSeries, found: dict[str, np.nda
     assert np.flatnonzero(found["event"]).tolist() == [event.sweep for event in alone.events]
 
 
-@pytest.mark.parametrize("gaps", [True, False])
-@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize(
+    ("name", "gaps"),
+    [
+        *(("thesis", True), ("thesis", False), ("default", True), ("lab-live", True)),
+        *(
+            pytest.param(*one, marks=pytest.mark.long)
+            for one in (("range-rate", True), ("range-rate", False), ("default", False), ("lab-live", False))
+        ),
+    ],
+)
 def test_series_of_all_lengths_are_decided_as_alone(name: str, gaps: bool) -> None:
     detector = DETECTORS[name]
     held = [make(length, seed, gaps=gaps) for seed, length in enumerate(LENGTHS)]
@@ -74,7 +82,7 @@ def test_series_of_all_lengths_are_decided_as_alone(name: str, gaps: bool) -> No
         assert_as_alone(detector, series, found[place])
 
 
-@pytest.mark.parametrize("name", ["thesis", "default"])
+@pytest.mark.parametrize("name", ["thesis", pytest.param("default", marks=pytest.mark.long)])
 def test_more_series_than_lanes_and_longer_than_a_chunk(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lanes, "LANES_BY_TIME", 3)
     monkeypatch.setattr(lanes, "LANES_BY_LOGS", 3)
@@ -195,7 +203,7 @@ print(json.dumps([len(jax.local_devices()), sorted(used), sums]))
 """
 
 
-@pytest.mark.parametrize("name", ["thesis", "default"])
+@pytest.mark.parametrize("name", ["thesis", pytest.param("default", marks=pytest.mark.long)])
 def test_two_devices_share_the_work(name: str) -> None:
     def ran(flags: str) -> Any:
         environment = {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
