@@ -11,6 +11,7 @@ from __future__ import annotations
 import glob
 import json
 import os
+import signal
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -222,14 +223,15 @@ def _pool(workers: int) -> ProcessPoolExecutor:
     context = get_context("forkserver" if server else "spawn")
     if server:
         context.set_forkserver_preload(["jaxradar.ingest", "jaxradar.logs.table"])
-    return ProcessPoolExecutor(workers, context, initializer=_one_thread)
+    return ProcessPoolExecutor(workers, context, initializer=_ready)
 
 
-def _one_thread() -> None:
-    """A process for each core: the parser's own threads would be too many."""
+def _ready() -> None:
+    """What a process of the pool does first."""
     from jaxradar.logs.table import use_one_thread
 
-    use_one_thread()
+    use_one_thread()  # of the parser's own there would be too many
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who asked for the work, and ends the pool
 
 
 def _import_one(store: Path, task: _Task) -> Imported:
