@@ -10,7 +10,7 @@ import pytest
 
 from jaxradar.cli import evaluate, main
 
-COMMANDS = ["demo", "info", "view", "evaluate", "label", "simulate", "frontier", "convert", "config"]
+COMMANDS = ["demo", "info", "view", "import", "evaluate", "label", "simulate", "frontier", "convert", "config"]
 
 
 def said(capsys: pytest.CaptureFixture[str]) -> tuple[str, str]:
