@@ -25,8 +25,8 @@ log that cannot be read is reported and in the catalogue, and stops nothing.
 OUT that ends in .zip is the archive: one compressed file. PATH is then a store,
 or logs, which go into a store beside it first (OUT without .zip).
 
-Exit status: 0 all well, 1 some logs could not be read (the others were), 2 wrong
-usage."""
+Exit status: 0 all well, 1 some logs could not be read (the others were), 2
+wrong usage."""
 
 
 def add_to(commands: Any) -> None:
