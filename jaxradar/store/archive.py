@@ -46,9 +46,17 @@ CATALOGUE = "catalogue.sqlite"
 DRIVES = "drives"
 
 LEVEL = 3  # of Zstandard: higher ones take five times as long and save a tenth
+# What the libraries raise of a file that is damaged or made up; nothing else is taken for damage.
 _DAMAGES = (
-    *(OSError, EOFError, RuntimeError, ValueError, TypeError, KeyError, NotImplementedError, struct.error),
-    *(zipfile.BadZipFile, zlib.error, pa.ArrowException),
+    OSError,
+    EOFError,  # a member that ends too soon
+    KeyError,  # a member that is not there
+    RuntimeError,  # an encrypted one, or one in a compression that is not known
+    ValueError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+    pa.ArrowException,
 )
 
 
@@ -144,9 +152,9 @@ class Archive:
         """A drive by the name of its folder in the archive. Raises `LogError`."""
         place = self.path / name / HEADER
         header = parse_header(place, self.content(f"{name}/{HEADER}"))
-        with _said(self.path, f"{name}/{HEADER}"):
-            sizes = {file: int(held["bytes"]) for file, held in dict(header["sealed"]).items()}
-        return assemble_drive(_Files(self, name, sizes), header)
+        if not header.get("sealed"):
+            raise LogError(place, "was not closed before it was packed; an archive holds closed drives alone.")
+        return assemble_drive(_Files(self, name, header["sealed"]), header)
 
 
 @lru_cache(maxsize=8)
@@ -165,7 +173,7 @@ class _Files:
 
     archive: Archive
     folder: str
-    sizes: dict[str, int]  # that the header states
+    sealed: dict[str, Any]  # length and checksum of each, as the header states them
     held: dict[str, np.ndarray] = field(default_factory=dict)
 
     def _bytes(self, name: str) -> np.ndarray:
@@ -174,7 +182,7 @@ class _Files:
             packed = self.archive.content(member)
             with _said(self.archive.path, member):
                 size, width = struct.unpack_from("<QB", packed)
-                if size != self.sizes[name] or width not in (1, 2) or size % width:
+                if size != self.sealed[name]["bytes"] or width not in (1, 2) or size % width:
                     raise ValueError(f"states {size} bytes of width {width}")
                 apart = pa.Codec("zstd").decompress(memoryview(packed)[9:], decompressed_size=size)
                 # In memory where a program reads it without a copy: pyarrow's buffers and NumPy's large arrays are.
