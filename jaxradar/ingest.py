@@ -8,6 +8,7 @@ parsed again.
 
 from __future__ import annotations
 
+import contextlib
 import glob
 import json
 import os
@@ -15,17 +16,15 @@ import signal
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from hashlib import sha256
-from itertools import islice
 from multiprocessing import get_all_start_methods, get_context
 from os import PathLike
 from pathlib import Path
 from time import monotonic
-from typing import Any
 
 from jaxradar._errors import LogError
+from jaxradar._machine import cores
 from jaxradar.drivefile import is_drive_folder, write_drive
 from jaxradar.logs import find_logs, read_log, source_files
 from jaxradar.store import CATALOGUE, DRIVES, MARKER, Catalogue, Entry, archived_members, entry_of, make_store
@@ -75,7 +74,7 @@ def import_logs(
         fresh: list[Entry] = []
         saved = monotonic()
         try:
-            for one in _work(place, _tasks(place, logs, known), workers or _cores()):
+            for one in _work(place, _tasks(place, logs, known), workers or cores()):
                 if one.done not in ("unchanged", "failed before") and one.entry.stamp != _NO_FILES:
                     fresh.append(one.entry)
                 if fresh and monotonic() - saved > COMMIT_SECONDS:
@@ -86,7 +85,7 @@ def import_logs(
             catalogue.put(fresh)
 
 
-@contextmanager
+@contextlib.contextmanager
 def _alone(store: Path) -> Iterator[None]:
     """Nobody else imports meanwhile; the lock is gone with the process, however that ends."""
     try:
@@ -100,10 +99,6 @@ def _alone(store: Path) -> Iterator[None]:
         except OSError as error:
             raise LogError(store, "is being written by another import; wait for it to end.") from error
         yield
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _tasks(store: Path, logs: Iterable[str | PathLike[str]], known: dict[str, Entry]) -> Iterator[_Task | Imported]:
@@ -159,15 +154,15 @@ def _free_name(name: str, taken: set[str]) -> str:
 
 
 def _stamp(log: Path) -> str:
-    found: list[Any] = []
     members = archived_members(log)
+    if members is not None:
+        return json.dumps(members)
+    found = []
     for file in source_files(log):
-        try:
+        with contextlib.suppress(OSError):  # gone since it was listed
             state = file.stat()
-        except OSError:
-            continue
-        found.append([file.name, state.st_size, state.st_mtime_ns])
-    return json.dumps(found if members is None else members)
+            found.append([file.name, state.st_size, state.st_mtime_ns])
+    return json.dumps(found)
 
 
 def _work(store: Path, tasks: Iterator[_Task | Imported], workers: int) -> Iterator[Imported]:
@@ -177,17 +172,13 @@ def _work(store: Path, tasks: Iterator[_Task | Imported], workers: int) -> Itera
     pool = _pool(workers)
     try:
         while True:
-            for task in islice(tasks, max(0, 4 * workers - len(waiting))):
-                if isinstance(task, Imported):
-                    yield task
+            while len(waiting) < 4 * workers and (one := next(tasks, None)) is not None:
+                if isinstance(one, Imported):
+                    yield one
                 else:
-                    waiting[pool.submit(_import_one, store, task)] = task
+                    waiting[pool.submit(_import_one, store, one)] = one
             if not waiting:
-                rest = next(tasks, None)
-                if rest is None:
-                    break
-                tasks = _chain(rest, tasks)
-                continue
+                break
             done, _ = wait(waiting, return_when=FIRST_COMPLETED)
             broken = []
             for future in done:
@@ -209,11 +200,6 @@ def _work(store: Path, tasks: Iterator[_Task | Imported], workers: int) -> Itera
                 yield single.submit(_import_one, store, task).result()
             except BrokenProcessPool:
                 yield _failed(task, "", 0, "its reader died, of too little memory or of damage in the file.")
-
-
-def _chain(first: _Task | Imported, rest: Iterator[_Task | Imported]) -> Iterator[_Task | Imported]:
-    yield first
-    yield from rest
 
 
 def _pool(workers: int) -> ProcessPoolExecutor:

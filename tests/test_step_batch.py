@@ -190,7 +190,7 @@ def test_threads_run_in_the_caller_s_precision(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_threads_are_for_what_goes_through_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(step_batch.os, "sched_getaffinity", lambda process: set(range(8)))
+    monkeypatch.setattr(step_batch, "cores", lambda: 8)
     monkeypatch.setattr(step_batch.jax, "default_backend", lambda: "cpu")
     threads = step_batch._threads
     assert [threads(DETECTORS["default"], logs) for logs in (0, 1, 127, 128, 200, 512, 10_000)] == [1, 1, 1, 2, 3, 8, 8]

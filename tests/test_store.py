@@ -28,7 +28,6 @@ from jaxradar.store import (
     DRIVES,
     MARKER,
     Catalogue,
-    Entry,
     entry_of,
     is_archive,
     make_store,
@@ -325,24 +324,6 @@ def test_a_damaged_archive_is_one_sentence(logs: Path, tmp_path: Path) -> None:
                 held.read(entry)
         except LogError as error:
             assert str(error).startswith(str(broken))
-
-
-def test_shards_hold_each_drive_once_and_like_with_like(tmp_path: Path) -> None:
-    sound = (Entry(str(n), str(n), "", "", 0, (_sensor(axis=str(n % 3), sweeps=100 + n),)) for n in range(50))
-    entries = (*sound, Entry("bad", None, "", "", 0, error="no"))
-    from jaxradar.store import Store
-
-    shards = list(Store(tmp_path, entries).shards(500))
-    assert sorted(int(one.name) for shard in shards for one in shard) == list(range(50))
-    assert all(sum(one.sweeps for one in shard) >= 500 for shard in shards[:-1])
-    axes = [one.sensors[0].axis for shard in shards for one in shard]
-    assert axes == sorted(axes)
-
-
-def _sensor(axis: str, sweeps: int) -> Any:
-    from jaxradar.store import SensorEntry
-
-    return SensorEntry(1, sweeps, 8, "uint16", axis, 100.0, 1.0)
 
 
 def test_the_command_line(logs: Path, tmp_path: Path, capsys: Any) -> None:

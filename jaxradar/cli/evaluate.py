@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxradar._errors import ConfigError
@@ -115,7 +116,7 @@ def _run(args: argparse.Namespace) -> int:
                 lines.write(record_of(one))
                 rows.add(one)
     if args.report is not None:
-        _write_report(args, settings, kept, logs)
+        _write_report(args, settings, kept)
     if not args.quiet:
         rows.print(sys.stderr if args.json == "-" else sys.stdout)
     if not failures:
@@ -127,15 +128,19 @@ def _check_report(target: str, logs: Sequence[str]) -> None:
     """Before the work is done, not after it."""
     if os.path.realpath(target) in {os.path.realpath(log) for log in logs}:
         raise ConfigError(f"--report {shown(target)} would overwrite a log.")
+    path = Path(target)
     try:
-        with open(target, "a", encoding="utf-8"):  # noqa: PTH123
+        there = path.exists()
+        with path.open("a", encoding="utf-8"):
             pass
+        if not there:  # what fails later leaves no empty page
+            path.unlink()
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise ConfigError(f"--report {shown(target)} cannot be written: {reason}.") from None
 
 
-def _write_report(args: argparse.Namespace, settings: Any, kept: Sequence[Any], logs: Sequence[str]) -> None:
+def _write_report(args: argparse.Namespace, settings: Any, kept: Sequence[Any]) -> None:
     from jaxradar.evaluation import Evaluation, operating_curve
     from jaxradar.report import write_report
 

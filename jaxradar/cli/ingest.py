@@ -84,8 +84,8 @@ def _import(args: argparse.Namespace, store: Path, done: Counter[str], failed: l
     from jaxradar.ingest import import_logs
     from jaxradar.logs import find_logs
 
-    total = len(find_logs(args.paths)) if sys.stderr.isatty() else 0
-    if not total and not find_logs(args.paths):
+    total = len(find_logs(args.paths))
+    if not total:
         raise ConfigError(f"{', '.join(map(shown, args.paths))}: no logs there.")
     with progress("importing", total, quiet=args.quiet) as advance:
         for one in import_logs(args.paths, store, workers=args.workers):

@@ -26,7 +26,7 @@ map of it is page aligned and a device takes it without a copy.
                     the first sweep
     problems        a list of sentences
     sealed          null while the drive is being written; once it is closed {file name: {bytes, crc32}} of every column
-    checksum        crc32 over all of the above as JSON with sorted keys, no blanks and ASCII only
+    checksum        crc32 over the bytes of all lines above its own, which is the last but the closing brace
 
 Numbers stand as Python's `repr` gives them, which is exact for float64.
 """

@@ -8,6 +8,7 @@ import os
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -101,34 +102,36 @@ def columns_of(header: Mapping[str, Any]) -> dict[int | str, Column]:
     return sensors | {name: _motion_column(name) for name in header["motion"]}
 
 
-def _header_checksum(header: Mapping[str, Any]) -> int:
-    text = json.dumps(header, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return zlib.crc32(text.encode("ascii"))
-
-
 def write_header(folder: Path, header: Mapping[str, Any], *, durable: bool = True) -> None:
-    text = json.dumps({**header, "checksum": _header_checksum(header)}, indent=1, allow_nan=False)
+    text = json.dumps(header, indent=1, allow_nan=False).removesuffix("\n}") + ",\n"
     fresh = folder / f"{HEADER}.new"
-    with fresh.open("w", encoding="ascii") as file:
-        file.write(text + "\n")
+    with fresh.open("wb") as file:
+        file.write(text.encode("ascii") + _ending(zlib.crc32(text.encode("ascii"))))
         if durable:
             file.flush()
             os.fsync(file.fileno())
     fresh.replace(folder / HEADER)
 
 
-def read_header(folder: Path) -> dict[str, Any]:
-    path = folder / HEADER
+def _ending(checksum: int) -> bytes:
+    """The last lines of a header, whose other lines have this checksum."""
+    return b' "checksum": %d\n}\n' % checksum
+
+
+def read_header(folder: str | PathLike[str]) -> dict[str, Any]:
+    path = os.path.join(folder, HEADER)  # noqa: PTH118 (a `Path` takes as long as reading)
     try:
-        return parse_header(path, path.read_bytes())
+        with open(path, "rb", buffering=0) as file:  # noqa: PTH123
+            text = file.read()
     except OSError as error:
         raise LogError(path, f"cannot be read: {error.strerror}; a drive has a {HEADER}.") from error
+    return parse_header(path, text)
 
 
-def parse_header(path: Path, text: bytes) -> dict[str, Any]:
+def parse_header(path: str | Path, text: bytes) -> dict[str, Any]:
     """A header out of its text. Raises `LogError`, which names `path`."""
     try:
-        header = json.loads(text)
+        header = json.loads(text, parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
         raise LogError(path, f"is not JSON ({error}); it is damaged.") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
@@ -137,26 +140,32 @@ def parse_header(path: Path, text: bytes) -> dict[str, Any]:
     if header.get("version") != VERSION:
         raise LogError(path, f"has version {header.get('version')!r:.60}; this program reads version {VERSION}.")
     stated = header.pop("checksum", None)
-    try:
-        found = _header_checksum(header)
-    except (ValueError, RecursionError) as error:
-        raise LogError(path, f"holds a number that is not finite ({error}); it is damaged.") from error
-    if stated != found:
+    start = text.rfind(b"\n", 0, max(0, len(text) - 3)) + 1
+    found = zlib.crc32(text[:start])
+    if text[start:] != _ending(found):
         raise LogError(path, f"has checksum {found}, but says that it should be {stated!r:.60}; it is damaged.")
     return header
 
 
-def map_items(path: Path, dtype: np.dtype) -> np.ndarray:
-    """The whole items of a file, read-only and mapped into memory; an empty file cannot be mapped."""
-    with path.open("rb") as file:
-        count = os.fstat(file.fileno()).st_size // dtype.itemsize
+def _refuse(constant: str) -> float:
+    raise ValueError(f"it holds {constant}, which is not finite")
+
+
+def map_items(path: str | Path, dtype: np.dtype) -> tuple[np.ndarray, int]:
+    """The whole items of a file, read-only and mapped into memory, and its size; an empty file cannot be mapped."""
+    file = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
+    try:
+        size = os.fstat(file).st_size
+        count = size // dtype.itemsize
         if count:
             # Not `np.memmap`, every slice of which is a Python object that takes longer than what is made of it.
-            held = mmap.mmap(file.fileno(), count * dtype.itemsize, access=mmap.ACCESS_READ)
-            return np.frombuffer(held, dtype.base).reshape(count, *dtype.shape)
+            held = mmap.mmap(file, count * dtype.itemsize, access=mmap.ACCESS_READ)
+            return np.frombuffer(held, dtype.base).reshape(count, *dtype.shape), size
+    finally:
+        os.close(file)
     empty = np.empty((0, *dtype.shape), dtype.base)
     empty.flags.writeable = False
-    return empty
+    return empty, size
 
 
 def is_mapped(values: np.ndarray) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,16 +23,13 @@ __all__ = ["DriveFiles", "Folder", "assemble_drive", "open_column", "read_drive"
 class DriveFiles(Protocol):
     """Where the files of a drive lie: a folder, or an archive. `place` names a file for messages."""
 
-    def size(self, name: str) -> int:
-        """In bytes."""
-
-    def items(self, name: str, dtype: np.dtype) -> np.ndarray:
-        """The whole items of a file, read-only."""
+    def items(self, name: str, dtype: np.dtype) -> tuple[np.ndarray, int]:
+        """The whole items of a file, read-only, and its size in bytes."""
 
     def content(self, name: str) -> bytes:
         """All of a file."""
 
-    def place(self, name: str) -> Path:
+    def place(self, name: str) -> str | Path:
         """Its name in a message."""
 
 
@@ -39,19 +37,16 @@ class DriveFiles(Protocol):
 class Folder:
     """A drive's own folder, whose files are mapped into memory."""
 
-    path: Path
+    path: str | PathLike[str]
 
-    def size(self, name: str) -> int:
-        return (self.path / name).stat().st_size
-
-    def items(self, name: str, dtype: np.dtype) -> np.ndarray:
-        return map_items(self.path / name, dtype)
+    def items(self, name: str, dtype: np.dtype) -> tuple[np.ndarray, int]:
+        return map_items(self.place(name), dtype)
 
     def content(self, name: str) -> bytes:
-        return (self.path / name).read_bytes()
+        return Path(self.place(name)).read_bytes()
 
-    def place(self, name: str) -> Path:
-        return self.path / name
+    def place(self, name: str) -> str:
+        return os.path.join(self.path, name)  # noqa: PTH118 (a `Path` takes as long as opening the file)
 
 
 def open_column(
@@ -59,11 +54,11 @@ def open_column(
 ) -> tuple[np.ndarray, np.ndarray | None, list[str]]:
     """Records, rows and what had to be cut off, of one column."""
     try:
-        sizes = {name: files.size(name) for name, _ in column.parts}
-        maps = [files.items(name, dtype) for name, dtype in column.parts]
+        opened = [files.items(name, dtype) for name, dtype in column.parts]
     except OSError as error:
         raise LogError(error.filename or files.place(""), f"cannot be read: {error.strerror}.") from error
-    records, rows = maps[-1], maps[0] if column.row is not None else None
+    records, rows = opened[-1][0], opened[0][0] if column.row is not None else None
+    sizes = {name: size for (name, _), (_, size) in zip(column.parts, opened, strict=True)}
     if sealed is not None and all(sealed[name]["bytes"] == size for name, size in sizes.items()):
         for name in sizes if verify else ():
             found = zlib.crc32(files.content(name))
@@ -97,8 +92,7 @@ def read_drive(path: str | PathLike[str], *, verify: bool = False) -> Drive:
 
     Raises `LogError` for a folder that is no drive, and for one whose header is damaged or of an unknown version.
     """
-    folder = Path(path)
-    return assemble_drive(Folder(folder), read_header(folder), verify)
+    return assemble_drive(Folder(path), read_header(path), verify)
 
 
 def assemble_drive(files: DriveFiles, header: Mapping[str, Any], verify: bool = False) -> Drive:
@@ -116,22 +110,26 @@ def _assemble(files: DriveFiles, header: Mapping[str, Any], verify: bool) -> Dri
     columns = {}
     for key, column in columns_of(header).items():
         records, rows, cut = open_column(files, column, header["sealed"], verify)
-        columns[key] = records["time_ns"].astype(np.int64), records, rows
+        columns[key] = records, rows
         problems += cut
     clock, base = header["clock_start_ns"], 0
     if clock is None:
-        starts = [columns[item["sensor"]][0][:1] for item in header["sensors"]]
+        starts = [columns[item["sensor"]][0]["time_ns"][:1] for item in header["sensors"]]
         clock = base = min((int(times[0]) for times in starts if len(times)), default=0)
+
+    def times_ns(records: np.ndarray) -> np.ndarray:
+        return np.subtract(records["time_ns"], base, dtype=np.int64)
+
     sensors = []
     for item in header["sensors"]:
-        times, records, rows = columns[item["sensor"]]
+        records, rows = columns[item["sensor"]]
         assert rows is not None
         range_m, flags = np.array(item["range_m"], np.float64), records["flags"].astype(np.uint16)
-        sensors.append(SensorSeries(item["sensor"], times - base, rows, range_m, flags, item["spec"]))
+        sensors.append(SensorSeries(item["sensor"], times_ns(records), rows, range_m, flags, item["spec"]))
     motion = {}
     for name in header["motion"]:
-        times, records, _ = columns[name]
-        motion[name] = Channel(times - base, records["value"].astype(np.float64))
+        records, _ = columns[name]
+        motion[name] = Channel(times_ns(records), records["value"].astype(np.float64))
     truth, mounting = header["truth"], header["mounting"]
     return Drive(
         sensors=tuple(sensors),

@@ -13,8 +13,8 @@ from typing import Any
 
 import pyarrow as pa  # type: ignore[import-untyped]
 
+from jaxradar._errors import LogError
 from jaxradar.evaluation.records import Failure, SeriesResult, record_of
-from jaxradar.evaluation.roc import OperatingPoint
 from jaxradar.matching import MatchWindow, Summary, summarise
 from jaxradar.systems.step import DetectorFile, StepDetector, dump_detector
 
@@ -58,7 +58,6 @@ class Evaluation:
     - `failures`: the logs that could not be evaluated.
     - `detector`: its settings, as TOML. `settings`: what is compared with which threshold, the matching window,
       versions.
-    - `curve`: hits and false alarms over the threshold, if that was asked for.
 
     pandas, polars and whatever else takes Arrow tables takes this, one row for each result:
     `polars.DataFrame(found)`, `pyarrow.table(found)`, `found.to_pandas()`.
@@ -68,7 +67,6 @@ class Evaluation:
     failures: tuple[Failure, ...]
     detector: str
     settings: Mapping[str, Any]
-    curve: tuple[OperatingPoint, ...] = ()
 
     @classmethod
     def of(
@@ -142,7 +140,10 @@ class Evaluation:
         return self.to_arrow().__arrow_c_stream__(requested_schema)
 
     def write_json(self, path: str | PathLike[str]) -> None:
-        """One JSON object for each result and failure, in lines."""
+        """One JSON object for each result and failure, in lines. Raises `LogError` if the file cannot be written."""
         lines = [json.dumps(record_of(one)) for one in self.results]
         lines += [json.dumps({"path": one.path, "error": one.error}) for one in self.failures]
-        Path(path).write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+        try:
+            Path(path).write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+        except OSError as error:
+            raise LogError(path, f"cannot be written: {error.strerror or error}.") from error

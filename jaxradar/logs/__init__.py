@@ -57,10 +57,10 @@ def read_log(path: str | PathLike[str]) -> Drive:
 
 
 def _read_folder(folder: Path) -> Drive:
-    if is_store(folder):
-        raise LogError(folder, "is a store; expected one of its drives, or a command that takes many.")
     if folder.suffix == ".drive" or is_drive_folder(folder):
         return read_drive(folder)
+    if is_store(folder):
+        raise LogError(folder, "is a store; expected one of its drives, or a command that takes many.")
     if sensor_files(folder):
         return read_lab_csv(folder)
     held = sorted(part.name for part in folder.iterdir())[:5]

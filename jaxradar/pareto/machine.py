@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import datetime
 import importlib.metadata
-import os
 import platform
 from collections.abc import Sequence
 from pathlib import Path
 
 import jax
 
+from jaxradar._machine import cores
+
 __all__ = ["machine"]
 
 
 def machine(packages: Sequence[str] = ("jaxradar", "jax", "jaxlib", "numpy", "scipy")) -> dict[str, str]:
     """Date, processor and cores that this process may use, JAX's devices, versions."""
-    # Not all systems can say which cores a process may use.
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {
         "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        "cpu": f"{_cpu()}, {cores} cores",
+        "cpu": f"{_cpu()}, {cores()} cores",
         "device": ", ".join(f"{device.platform}: {device.device_kind}" for device in jax.devices()),
         "versions": f"python {platform.python_version()}, "
         + ", ".join(f"{name} {_version(name)}" for name in packages),

@@ -13,7 +13,8 @@ can be read alone; `header.json` and the catalogue stand as they are, deflated.
 
 from jaxradar.store.archive import archived_members, is_archive, pack, read_archived
 from jaxradar.store.catalogue import Catalogue, Entry, SensorEntry, entry_of
-from jaxradar.store.folder import CATALOGUE, DRIVES, MARKER, Store, is_store, make_store, open_store
+from jaxradar.store.folder import Store, is_store, make_store, open_store
+from jaxradar.store.marker import CATALOGUE, DRIVES, MARKER
 
 __all__ = [
     "CATALOGUE",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import struct
 import tempfile
@@ -25,25 +24,9 @@ from jaxradar.drivefile import HEADER, staged
 from jaxradar.drivefile.layout import parse_header
 from jaxradar.drivefile.reader import assemble_drive
 from jaxradar.store.catalogue import Catalogue, Entry
+from jaxradar.store.marker import CATALOGUE, DRIVES, MARKER, check_marker
 
-__all__ = [
-    "CATALOGUE",
-    "DRIVES",
-    "FORMAT",
-    "MARKER",
-    "VERSION",
-    "Archive",
-    "archived_members",
-    "is_archive",
-    "pack",
-    "read_archived",
-]
-
-FORMAT = "jaxradar.store"
-VERSION = 1
-MARKER = "store.json"
-CATALOGUE = "catalogue.sqlite"
-DRIVES = "drives"
+__all__ = ["Archive", "archived_members", "is_archive", "pack", "read_archived"]
 
 LEVEL = 3  # of Zstandard: higher ones take five times as long and save a tenth
 # What the libraries raise of a file that is damaged or made up; nothing else is taken for damage.
@@ -142,12 +125,6 @@ class Archive:
             except LogError as error:
                 raise LogError(self.path, f"{CATALOGUE} in it {error.problem}") from error
 
-    def drives(self) -> Iterator[str]:
-        """The names of its drives' folders."""
-        for name in self.file.namelist():
-            if name.endswith(f".drive/{HEADER}"):
-                yield name.removesuffix(f"/{HEADER}")
-
     def read(self, name: str) -> Drive:
         """A drive by the name of its folder in the archive. Raises `LogError`."""
         place = self.path / name / HEADER
@@ -160,10 +137,7 @@ class Archive:
 @lru_cache(maxsize=8)
 def _open(path: Path, real: str, size: int, changed_ns: int) -> Archive:
     archive = Archive(path, zipfile.ZipFile(path))
-    marker = path / MARKER
-    held = json.loads(archive.content(MARKER))
-    if not isinstance(held, dict) or held.get("format") != FORMAT or held.get("version") != VERSION:
-        raise LogError(marker, f"holds {held!r:.80}; expected format {FORMAT!r} of version {VERSION}.")
+    check_marker(path / MARKER, archive.content(MARKER))
     return archive
 
 
@@ -190,15 +164,12 @@ class _Files:
                 self.held[name] = np.ascontiguousarray(whole).reshape(-1)
         return self.held[name]
 
-    def size(self, name: str) -> int:
-        return len(self._bytes(name))
-
-    def items(self, name: str, dtype: np.dtype) -> np.ndarray:
+    def items(self, name: str, dtype: np.dtype) -> tuple[np.ndarray, int]:
         held = self._bytes(name)
         count = len(held) // dtype.itemsize
         found = held[: count * dtype.itemsize].view(dtype.base).reshape(count, *dtype.shape)
         found.flags.writeable = False
-        return found
+        return found, len(held)
 
     def content(self, name: str) -> bytes:
         return self._bytes(name).tobytes()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -14,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Shaped, UInt
 
 from jaxradar._errors import ConfigError
+from jaxradar._machine import cores
 from jaxradar._numerics import compiled
 from jaxradar._toml import nearest
 from jaxradar.systems.step.blocks import check_shapes
@@ -67,8 +67,7 @@ def _threads(detector: StepDetector[Any, Any], logs: int) -> int:
     """Going through time is one thread's work, so each gets some of the logs; other loops fill all cores themselves."""
     if not detector.sequential or jax.default_backend() != "cpu":
         return 1
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(cores, logs // FEWEST_LOGS))
+    return max(1, min(cores(), logs // FEWEST_LOGS))
 
 
 def _in_precision(double: bool, fields: tuple[str, ...], detector: StepDetector[Any, Any], *arguments: Any) -> Any:

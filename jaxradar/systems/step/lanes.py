@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import os
 import queue
 import threading
 from collections.abc import Iterable, Iterator, Mapping
@@ -21,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxradar._errors import ConfigError
+from jaxradar._machine import cores
 from jaxradar._numerics import compiled
 from jaxradar._toml import nearest
 from jaxradar.drive import SensorSeries
@@ -94,8 +94,7 @@ def _devices(detector: StepDetector[Any, Any]) -> list[jax.Device]:
     devices = jax.local_devices()
     if len(devices) > 1 or devices[0].platform != "cpu":
         return devices
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return devices * (cores if detector.sequential else 1)
+    return devices * (cores() if detector.sequential else 1)
 
 
 class _Feed:
@@ -241,7 +240,8 @@ class _Lanes:
 
     def _begin(self, place: int, series: SensorSeries) -> _Lane | None:
         if not len(series):
-            self.done.put((place, {name: np.empty(0, bool if name in _FLAGS else float) for name in self.fields}))
+            kind = {name: bool if name in _FLAGS else jnp.result_type(float) for name in self.fields}
+            self.done.put((place, {name: np.empty(0, dtype) for name, dtype in kind.items()}))
             return None
         return _Lane(place, series, time_steps(series.times_ns), {})
 

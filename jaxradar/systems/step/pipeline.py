@@ -23,7 +23,6 @@ from jaxradar.systems.step.result import StepEvent, StepTrace
 __all__ = [
     "detect",
     "event_weights",
-    "events_of",
     "precision",
     "run",
     "run_batch",
@@ -133,7 +132,7 @@ def detect(detector: StepDetector[Any, Any], series: SensorSeries, motion: Motio
     return trace_of(detector, series, host)
 
 
-def events_of(
+def _events_of(
     detector: StepDetector[Any, Any], series: SensorSeries, found: Mapping[str, np.ndarray]
 ) -> tuple[StepEvent, ...]:
     """The detections among decisions on a series: `event`, `range_m`, `strength` and `statistic`, each (sweeps,)."""
@@ -167,7 +166,7 @@ def trace_of(detector: StepDetector[Any, Any], series: SensorSeries, host: Mappi
         threshold=float(detector.threshold),
         statistic_name=detector.statistic_name,
         statistic_unit=detector.statistic_unit,
-        events=events_of(detector, series, host),
+        events=_events_of(detector, series, host),
     )
 
 

@@ -1,0 +1,31 @@
+"""The names in a store, and the file that says that it is one."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from jaxradar._errors import LogError
+
+__all__ = ["CATALOGUE", "DRIVES", "MARKER", "check_marker", "marker_content"]
+
+MARKER = "store.json"
+CATALOGUE = "catalogue.sqlite"
+DRIVES = "drives"
+_FORMAT = "jaxradar.store"
+_VERSION = 1
+
+
+def marker_content() -> bytes:
+    """Of the marker that this version writes."""
+    return json.dumps({"format": _FORMAT, "version": _VERSION}).encode("ascii") + b"\n"
+
+
+def check_marker(place: Path, content: bytes) -> None:
+    """Raises `LogError`, which names `place`, for a marker that is damaged, of another format or version."""
+    try:
+        held = json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise LogError(place, f"is not JSON ({error}); it is damaged.") from error
+    if not isinstance(held, dict) or held.get("format") != _FORMAT or held.get("version") != _VERSION:
+        raise LogError(place, f"holds {held!r:.80}; expected format {_FORMAT!r} of version {_VERSION}.")
