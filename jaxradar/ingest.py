@@ -32,7 +32,7 @@ from jaxradar.store import CATALOGUE, DRIVES, MARKER, Catalogue, Entry, archived
 __all__ = ["Imported", "import_logs"]
 
 COMMIT_SECONDS = 1.0  # how much work a kill can cost
-_HASH_BLOCK = 1 << 22
+_HASH_BLOCK = 1 << 18
 _NO_FILES = "[]"  # the stamp of what is not there
 
 
@@ -255,7 +255,7 @@ def _hash(log: Path) -> tuple[str, int]:
         return sha256(json.dumps(members).encode()).hexdigest(), sum(size for _, size, _ in members)
     found, total = sha256(), 0
     for path in source_files(log):
-        with path.open("rb") as file:
+        with path.open("rb", buffering=0) as file:
             size = os.fstat(file.fileno()).st_size
             found.update(json.dumps([path.name, size]).encode())
             while block := file.read(_HASH_BLOCK):

@@ -45,20 +45,20 @@ class MatchWindow:
         return max(self.seconds, self.metres / speed_m_s)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Matching:
     """The outcome for one series.
 
     - `steps`: the steps that count, in order of `impact_s`.
     - `hit_by`: for each of them the index of the detection that hit it, None for a miss.
     - `lead_s`: impact − time of each hit in seconds, in the order of the steps.
-    - `false`: indices of the false alarms, in the order of the detections.
+    - `false`: (false alarms,) int64, their indices, in the order of the detections.
     """
 
     steps: tuple[RoadStep, ...] = ()
     hit_by: tuple[int | None, ...] = ()
     lead_s: tuple[float, ...] = ()
-    false: tuple[int, ...] = ()
+    false: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @property
     def hits(self) -> int:
@@ -130,7 +130,7 @@ def match_steps(
         if earliest is not None:
             waiting[earliest] = False
             lead_s.append((impact - int(times[earliest])) / NANOSECONDS)
-    return Matching(tuple(counted), tuple(hit_by), tuple(lead_s), tuple(np.flatnonzero(~excused).tolist()))
+    return Matching(tuple(counted), tuple(hit_by), tuple(lead_s), np.flatnonzero(~excused))
 
 
 def _nanoseconds(times_s: Sequence[float] | np.ndarray, name: str) -> np.ndarray:

@@ -35,3 +35,9 @@ def precision(request: pytest.FixtureRequest):
 
     with jax.enable_x64(request.param == "float64"):
         yield request.param
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.get_closest_marker("long") and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(3600))

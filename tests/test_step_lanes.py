@@ -86,7 +86,8 @@ def test_series_of_all_lengths_are_decided_as_alone(name: str, gaps: bool) -> No
 def test_more_series_than_lanes_and_longer_than_a_chunk(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lanes, "LANES_BY_TIME", 3)
     monkeypatch.setattr(lanes, "LANES_BY_LOGS", 3)
-    monkeypatch.setattr(lanes, "CHUNK_SWEEPS", 3 * 16)
+    monkeypatch.setattr(lanes, "CHUNK_SWEEPS_BY_TIME", 3 * 16)
+    monkeypatch.setattr(lanes, "CHUNK_SWEEPS_BY_LOGS", 3 * 16)
     detector = DETECTORS[name]
     held = [make(length, seed) for seed, length in enumerate((50, 16, 17, 15, 200, 1, 33, 48, 5, 90))]
     found = dict(detect_series(detector, held, FIELDS))

@@ -12,7 +12,8 @@ sweep. It commits the sweep, which is written first: whatever a crash leaves at 
 zeros or garbage, does not carry a right checksum and is cut off. A file of sweeps starts at byte 0, so that a memory
 map of it is page aligned and a device takes it without a copy.
 
-`header.json` is one JSON object, written under another name and then renamed, so it is whole or absent:
+`header.json` is one JSON object, a line for each key, written under another name and then renamed, so it is whole or
+absent:
 
     format          "jaxradar.drive"
     version         1

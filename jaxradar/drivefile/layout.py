@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import mmap
 import os
 import zlib
@@ -28,7 +29,7 @@ __all__ = [
     "checksums",
     "columns_of",
     "is_mapped",
-    "map_items",
+    "open_items",
     "parse_header",
     "read_header",
     "whole",
@@ -103,10 +104,11 @@ def columns_of(header: Mapping[str, Any]) -> dict[int | str, Column]:
 
 
 def write_header(folder: Path, header: Mapping[str, Any], *, durable: bool = True) -> None:
-    text = json.dumps(header, indent=1, allow_nan=False).removesuffix("\n}") + ",\n"
+    lines = (f' "{key}": {json.dumps(value, allow_nan=False)},\n' for key, value in header.items())
+    text = f"{{\n{''.join(lines)}".encode("ascii")
     fresh = folder / f"{HEADER}.new"
     with fresh.open("wb") as file:
-        file.write(text.encode("ascii") + _ending(zlib.crc32(text.encode("ascii"))))
+        file.write(text + _ending(zlib.crc32(text)))
         if durable:
             file.flush()
             os.fsync(file.fileno())
@@ -151,21 +153,20 @@ def _refuse(constant: str) -> float:
     raise ValueError(f"it holds {constant}, which is not finite")
 
 
-def map_items(path: str | Path, dtype: np.dtype) -> tuple[np.ndarray, int]:
-    """The whole items of a file, read-only and mapped into memory, and its size; an empty file cannot be mapped."""
-    file = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
-    try:
-        size = os.fstat(file).st_size
+def open_items(path: str | Path, dtype: np.dtype) -> tuple[np.ndarray, int]:
+    """The whole items of a file, read-only, and its size. Rows are mapped into memory, records, which are gone through
+    at once, are read."""
+    with open(path, "rb", buffering=0) as file:  # noqa: PTH123 (a `Path` takes as long as opening the file)
+        size = os.fstat(file.fileno()).st_size
         count = size // dtype.itemsize
-        if count:
+        held: bytes | mmap.mmap
+        if count and dtype.shape:
             # Not `np.memmap`, every slice of which is a Python object that takes longer than what is made of it.
-            held = mmap.mmap(file, count * dtype.itemsize, access=mmap.ACCESS_READ)
-            return np.frombuffer(held, dtype.base).reshape(count, *dtype.shape), size
-    finally:
-        os.close(file)
-    empty = np.empty((0, *dtype.shape), dtype.base)
-    empty.flags.writeable = False
-    return empty, size
+            held = mmap.mmap(file.fileno(), count * dtype.itemsize, access=mmap.ACCESS_READ)
+        else:
+            held = file.readall() if count else b""
+            count = len(held) // dtype.itemsize
+    return np.frombuffer(held, dtype.base, count * math.prod(dtype.shape)).reshape(count, *dtype.shape), size
 
 
 def is_mapped(values: np.ndarray) -> bool:
@@ -178,9 +179,11 @@ def is_mapped(values: np.ndarray) -> bool:
 
 def checksums(records: np.ndarray, rows: np.ndarray | None) -> Iterator[int]:
     """The right checksum of each record."""
-    heads = records.view(np.uint8).reshape(len(records), records.dtype.itemsize)[:, :-4]
-    starts = map(zlib.crc32, np.ascontiguousarray(heads))
-    return starts if rows is None else map(zlib.crc32, rows.view(np.ndarray), starts)
+    size = records.dtype.itemsize
+    heads = np.ascontiguousarray(records.view(np.uint8).reshape(len(records), size)[:, :-4])
+    # As `bytes`, which are made and read faster than rows of an array.
+    starts = map(zlib.crc32, heads.view(f"V{size - 4}").ravel().tolist())
+    return starts if rows is None else map(zlib.crc32, rows, starts)
 
 
 def whole(records: np.ndarray, rows: np.ndarray | None) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxradar._errors import LogError
 from jaxradar.drive import Channel, Drive, Motion, Mounting, RoadStep, SensorSeries, Truth
-from jaxradar.drivefile.layout import HEADER, Column, columns_of, map_items, read_header, whole
+from jaxradar.drivefile.layout import HEADER, Column, columns_of, open_items, read_header, whole
 
 __all__ = ["DriveFiles", "Folder", "assemble_drive", "open_column", "read_drive"]
 
@@ -40,7 +40,7 @@ class Folder:
     path: str | PathLike[str]
 
     def items(self, name: str, dtype: np.dtype) -> tuple[np.ndarray, int]:
-        return map_items(self.place(name), dtype)
+        return open_items(self.place(name), dtype)
 
     def content(self, name: str) -> bytes:
         return Path(self.place(name)).read_bytes()

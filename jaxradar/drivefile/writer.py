@@ -211,9 +211,11 @@ class DriveWriter:
         return self._columns[key]
 
     def _commit(self, column: Column, records: np.ndarray, rows: np.ndarray | None) -> None:
-        records["crc32"] = list(checksums(records, rows))
+        records["crc32"] = np.fromiter(checksums(records, rows), np.uint32, len(records))
         items = [records] if rows is None else [rows, records]
-        contents = [(name, part.tobytes()) for (name, _), part in zip(column.parts, items, strict=True)]
+        contents = [
+            (name, part.reshape(-1).view(np.uint8).data) for (name, _), part in zip(column.parts, items, strict=True)
+        ]
         try:
             for name, content in contents:
                 _write_all(self._files[name], content)
@@ -232,8 +234,8 @@ class DriveWriter:
             raise LogError(self._folder / HEADER, f"cannot be written: {error.strerror}.") from error
 
 
-def _write_all(file: FileIO, content: bytes) -> None:
-    rest = memoryview(content)
+def _write_all(file: FileIO, content: memoryview) -> None:
+    rest = content
     while rest:  # an unbuffered file may take less than it was given
         rest = rest[file.write(rest) :]
 

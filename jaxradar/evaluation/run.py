@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Settings", "evaluate", "evaluate_each", "evaluate_parts"]
 
-SHARD = 256  # logs that a worker of a cluster goes through at a time: its lanes are full most of that time
+# Logs that a worker of a cluster goes through at a time: at most so many that its lanes are full most of that time, and
+# few enough that the workers end together.
+SHARD, SHARDS_A_WORKER = 256, 4
 _FIELDS = ("range_m", "strength", "statistic", "valid", "event")
 
 
@@ -176,7 +178,8 @@ def evaluate_parts(
                 last = one.path
                 yield one
             return
-        shards = [paths[first : first + SHARD] for first in range(0, len(paths), SHARD)]
+        size = max(1, min(SHARD, len(paths) // (SHARDS_A_WORKER * max(1, workers.workers))))
+        shards = [paths[first : first + size] for first in range(0, len(paths), size)]
         for shard, found in zip(shards, workers.map(partial(_shard, settings), shards), strict=True):
             if isinstance(found, LostError):
                 yield from (Failure(path, f"{path}: {found}") for path in shard)

@@ -160,7 +160,7 @@ def _draw_acceleration(panel: Axes, acceleration: Channel) -> None:
 def _draw_marks(panels: Sequence[Axes], trace: StepTrace, matching: Matching | None) -> tuple[list[Artist], list[str]]:
     """Detections, impacts and sweeps without echo in all panels; what the legend says of them."""
     steps: tuple[RoadStep, ...] = () if matching is None else matching.steps
-    false = set(range(len(trace.events))) if matching is None else set(matching.false)
+    false = set(range(len(trace.events))) if matching is None else set(matching.false.tolist())
     hits = set() if matching is None else {index for index in matching.hit_by if index is not None}
     kinds = {
         "detection" if matching is None else "false alarm": (sorted(false), ORANGE if matching is None else GREY),

@@ -46,6 +46,8 @@ _DAMAGES = (
 def is_archive(path: Path) -> bool:
     """Whether a path is a file that claims to be an archive of a store: a ZIP file that begins with the marker."""
     try:
+        if not path.is_file():  # a pipe would wait for its other end
+            return False
         with path.open("rb") as file:
             start = file.read(30 + len(MARKER))
     except (OSError, ValueError):

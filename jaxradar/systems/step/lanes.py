@@ -33,11 +33,10 @@ __all__ = ["detect_series"]
 
 # Sweeps in a chunk, enough that a program's work outweighs its call, and lanes: those that go through time one by one
 # want a register's width of them, many times over. Measured by `benches/run.py store`.
-CHUNK_SWEEPS = 16384
-LANES_BY_TIME = 64
-LANES_BY_LOGS = 16
-LANES_ON_ACCELERATOR = 1024
-MOST_CHUNK_BYTES = 16 << 20
+LANES_BY_TIME, CHUNK_SWEEPS_BY_TIME = 64, 65536
+LANES_BY_LOGS, CHUNK_SWEEPS_BY_LOGS = 16, 32768
+LANES_ON_ACCELERATOR, CHUNK_SWEEPS_ON_ACCELERATOR = 1024, 65536
+MOST_CHUNK_BYTES = 32 << 20
 LOOK_AHEAD = 512  # series that wait, among which those of one range axis are picked
 LOOK_AHEAD_BYTES = 128 << 20  # of those that lie in memory
 ALIGNMENT = 64  # bytes: what the program reads where it lies
@@ -283,11 +282,12 @@ _first_call = threading.Lock()
 
 def _chunk_shape(detector: StepDetector[Any, Any], sweep_bytes: int, platform: str) -> tuple[int, int]:
     """Lanes, and sweeps of each."""
-    lanes = LANES_BY_TIME if detector.sequential else LANES_BY_LOGS
+    lanes, sweeps = LANES_BY_LOGS, CHUNK_SWEEPS_BY_LOGS
     if platform != "cpu":
-        lanes = LANES_ON_ACCELERATOR
-    most = max(16, MOST_CHUNK_BYTES // (lanes * sweep_bytes))
-    return lanes, min(most, max(16, CHUNK_SWEEPS // lanes))
+        lanes, sweeps = LANES_ON_ACCELERATOR, CHUNK_SWEEPS_ON_ACCELERATOR
+    elif detector.sequential:
+        lanes, sweeps = LANES_BY_TIME, CHUNK_SWEEPS_BY_TIME
+    return lanes, max(16, min(sweeps, MOST_CHUNK_BYTES // sweep_bytes) // lanes)
 
 
 def _start(detector: StepDetector[Any, Any], axis: RangeAxis, lanes: int) -> Any:
