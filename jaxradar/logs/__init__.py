@@ -82,8 +82,8 @@ def find_logs(paths: Iterable[str | PathLike[str]]) -> list[Path]:
     """All logs that files, folders and patterns with `*`, `?` or `[` name, sorted, each once.
 
     A folder that is a log itself is one log, a store (its folder or its archive) is all drives of its catalogue; any
-    other folder is searched through. What does not exist, and a pattern that
-    matches nothing, is returned as it was given, so that reading it says so; an empty name names nothing.
+    other folder is searched through. What does not exist, and a pattern that matches nothing, is returned as it was
+    given, so that reading it says so; an empty name names nothing.
     """
     found: dict[str, Path] = {}
     for given in paths:
@@ -97,31 +97,34 @@ def find_logs(paths: Iterable[str | PathLike[str]]) -> list[Path]:
             elif path.is_dir():
                 logs = _logs_in(path)
             else:
-                logs = [path] if not matches or _is_log_file(path) else []
-            for log in logs:
-                found.setdefault(os.path.realpath(log), log)
-    return sorted(found.values())
+                logs = {os.path.realpath(path): path} if not matches or _is_log_file(path) else {}
+            for real, log in logs.items():
+                found.setdefault(real, log)
+    return sorted(found.values(), key=lambda log: log.parts)
 
 
-def _drives_in(path: Path) -> list[Path]:
-    store = open_store(path)
-    return [store.place(entry) for entry in store.drives]
+def _drives_in(path: Path) -> dict[str, Path]:
+    """By their real paths, which are made of the store's own: a million drives are not looked up one by one."""
+    store, real = open_store(path), os.path.realpath(path)
+    return {os.path.join(real, *store.parts(entry)): store.place(entry) for entry in store.drives}  # noqa: PTH118
 
 
-def _logs_in(folder: Path) -> list[Path]:
+def _logs_in(folder: Path) -> dict[str, Path]:
+    """Likewise."""
     if folder.suffix == ".drive" or is_drive_folder(folder) or _sensor_files(folder):
-        return [folder]
-    found: list[Path] = []
+        return {os.path.realpath(folder): folder}
+    found: dict[str, Path] = {}
     for base, folders, files in os.walk(folder):
         here = Path(base)
         if is_store(here):
-            found += _drives_in(here)
+            found |= _drives_in(here)
             folders.clear()
             continue
         logs = [here / name for name in folders if not name.startswith(".")]
         logs = [path for path in logs if path.suffix == ".drive" or is_drive_folder(path) or _sensor_files(path)]
         folders[:] = [name for name in folders if not name.startswith(".") and here / name not in logs]
-        found += logs + [here / name for name in files if _is_log_file(here / name)]
+        logs += [here / name for name in files if _is_log_file(here / name)]
+        found |= {os.path.realpath(log): log for log in logs}
     return found
 
 

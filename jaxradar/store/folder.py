@@ -31,14 +31,19 @@ class Store:
         """The entries that were read, each with a drive."""
         return tuple(entry for entry in self.entries if entry.name is not None)
 
+    @staticmethod
+    def parts(entry: Entry) -> tuple[str, str]:
+        """Where in the store the drive of an entry lies."""
+        return DRIVES, f"{entry.name}.drive"
+
     def place(self, entry: Entry) -> Path:
         """Where the drive of an entry lies, as `read_log` takes it."""
-        return self.path / DRIVES / f"{entry.name}.drive"
+        return self.path.joinpath(*self.parts(entry))
 
     def read(self, entry: Entry, *, verify: bool = False) -> Drive:
         """The drive of an entry. Raises `LogError`, as `read_drive` does."""
         if self.path.is_file():
-            return Archive.of(self.path).read(f"{DRIVES}/{entry.name}.drive")
+            return Archive.of(self.path).read("/".join(self.parts(entry)))
         return read_drive(self.place(entry), verify=verify)
 
 
