@@ -16,6 +16,7 @@ ELSEWHERE: dict[str, str] = {
     "_toml": "reads and writes text",
     "_types": "types",
     "_cache": "where programs are kept",
+    "_machine": "counts cores",
     "_worker": "what a worker does first",
     "cli": "the command line",
     "cluster": "sends work elsewhere",

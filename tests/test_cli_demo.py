@@ -15,6 +15,7 @@ from jaxradar.logs import read_log, write_log
 PNG = b"\x89PNG"
 
 
+@pytest.mark.long  # README's first command is this, once
 def test_the_demo_needs_nothing_and_can_be_run_again(tmp_path: Path) -> None:
     twice = "from jaxradar.cli import main; status = main(['demo']); print('again'); exit(status or main(['demo']))"
     ran = subprocess.run([sys.executable, "-c", twice], capture_output=True, text=True, check=False, cwd=tmp_path)

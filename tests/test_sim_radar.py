@@ -27,7 +27,7 @@ def direct_field(range_m, echoes, fwhm, slope=None):
 @pytest.mark.parametrize(
     "radar", [Radar(), Radar(bin_m=0.000484, bins=1448), Radar(fwhm_m=0.02)], ids=["128", "1448", "sharp"]
 )
-@pytest.mark.parametrize("walking", [False, True], ids=["still", "walking"])
+@pytest.mark.parametrize("walking", [pytest.param(False, marks=pytest.mark.long), True], ids=["still", "walking"])
 def test_field_is_the_sum_over_all_echoes_in_all_bins(radar, walking):
     random = np.random.default_rng(0)
     fwhm = float(radar.fwhm_m)

@@ -95,7 +95,7 @@ def assert_as_numpy(got: dict[str, jax.Array], values: np.ndarray) -> None:
 ASKED = [(dtype, size) for dtype in DTYPES for size in (SIZES if dtype in ("uint16", "float32") else WORST_SIZES)]
 # All sizes of what a sensor sends, a few of the other types; the rest behind the marker.
 ASKED = [
-    pytest.param(dtype, size, marks=() if dtype == "uint16" or size in (1, 33, 127, 1240) else pytest.mark.long)
+    pytest.param(dtype, size, marks=() if dtype == "uint16" or size in (1, 33, 127) else pytest.mark.long)
     for dtype, size in ASKED
 ]
 

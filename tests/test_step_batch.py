@@ -122,11 +122,11 @@ SIZES = [(1, 331, 128), (3, 64, 127), (130, 7, 16), (3, 2, 2), (3, 1, 200)]
 WHOLE = ("thesis", "lab-live", "few cells", "soft-argmax")
 FEW_CELLS = pytest.param("few cells", marks=pytest.mark.long)
 CASES = [(name, *size) for name in DETECTORS for size in (SIZES if name in WHOLE else [(3, 64, 127), (3, 2, 2)])]
-# `default` compiles for ten seconds; "few cells" is the same with less to compile.
-DEAR = {("few cells", *size) for size in SIZES if size != (3, 64, 127)}
-CASES = [
-    pytest.param(*case, marks=pytest.mark.long) if case[0] == "default" or case in DEAR else case for case in CASES
-]
+# `default` compiles for ten seconds; "few cells" is the same with less. Of the others, too, one size shows most.
+SOON = {(name, 3, 64, 127) for name in DETECTORS if name != "default"} | {("thesis", *size) for size in SIZES}
+CASES = [case if case in SOON else pytest.param(*case, marks=pytest.mark.long) for case in CASES]
+# Ways to find the peak that others stand for.
+FEW_PEAKS = [peak if peak == "soft-argmax" else pytest.param(peak, marks=pytest.mark.long) for peak in PEAKS]
 
 
 @pytest.mark.parametrize(("name", "logs", "sweeps", "bins"), CASES)
@@ -228,7 +228,7 @@ def test_shapes_that_make_no_batch_are_named() -> None:
         detect_batch(DETECTORS["thesis"], axis_of(17), counts, flags, dt, lengths)
 
 
-@pytest.mark.parametrize("name", ["thesis", "lab-live", pytest.param("default", marks=pytest.mark.long), *PEAKS])
+@pytest.mark.parametrize("name", ["thesis", "lab-live", pytest.param("default", marks=pytest.mark.long), *FEW_PEAKS])
 def test_both_forms_of_reduction_give_the_same_events(name: str) -> None:
     detector, inputs, axis = DETECTORS[name], batch(3, 64, 128, seed=5), axis_of(128)
     decisions = []
@@ -305,7 +305,7 @@ SETTINGS = {"exponent": 2.0, "temperature": 0.1, "threshold_m_s": 0.7}
     [{"peak": "soft-argmax over all bins"}, {"refine_compensated": True}, {"peak": "soft-argmax"}],
     ids=["all bins", "compensated window", "raw window"],
 )
-@pytest.mark.parametrize("gaps", [True, False])
+@pytest.mark.parametrize("gaps", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_gradient_through_a_batch_agrees_with_central_differences(options: dict[str, Any], gaps: bool) -> None:
     inputs, axis = batch(3, 24, 64, gaps=gaps, seed=3), axis_of(64)
     target = np.random.default_rng(0).uniform(-1, 1, (3, 24))
@@ -328,7 +328,11 @@ def test_gradient_through_a_batch_agrees_with_central_differences(options: dict[
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param("few cells", marks=pytest.mark.long), "soft-argmax", "parabola", "matched filter"]
+    "name",
+    [
+        "soft-argmax",
+        *(pytest.param(one, marks=pytest.mark.long) for one in ("few cells", "parabola", "matched filter")),
+    ],
 )
 def test_gradients_through_a_batch_are_finite(name: str, precision: str) -> None:
     counts, flags, dt, lengths = batch(3, 24, 64, seed=4)
@@ -408,7 +412,7 @@ def place_in_numpy(peak: str, values: np.ndarray, range_m: np.ndarray, bin_m: fl
 
 @pytest.mark.parametrize("compensated", [False, True])
 @pytest.mark.parametrize("peak", PEAKS)
-@pytest.mark.parametrize("bins", [63, 128])
+@pytest.mark.parametrize("bins", [63, pytest.param(128, marks=pytest.mark.long)])
 def test_range_rate_equals_plain_numpy(peak: str, compensated: bool, bins: int) -> None:
     if compensated and peak not in ("parabola", "soft-argmax"):
         pytest.skip("has no window to refine in")

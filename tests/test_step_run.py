@@ -54,7 +54,7 @@ DEFAULT_LATER = [pytest.param(name, marks=pytest.mark.long) if name == "default"
 
 
 @pytest.mark.parametrize("name", DEFAULT_LATER)
-@pytest.mark.parametrize(("padded_to", "filler"), [(50, 0), (64, 60000)])
+@pytest.mark.parametrize(("padded_to", "filler"), [pytest.param(50, 0, marks=pytest.mark.long), (64, 60000)])
 def test_padded_batch_equals_single_logs(name: str, padded_to: int, filler: int) -> None:
     detector = DETECTORS[name]()
     with precision(detector):
