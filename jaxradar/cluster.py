@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from jaxradar._cache import keep_compiled_programs
 from jaxradar._errors import ConfigError
 
-__all__ = ["Cluster", "LostError", "cluster_of"]
+__all__ = ["Cluster", "Here", "LostError", "cluster_of"]
 
 Part = TypeVar("Part")
 Result = TypeVar("Result")
@@ -26,6 +26,22 @@ CONNECT_SECONDS = 10
 
 class LostError(RuntimeError):
     """A part that brought down every worker it was given to; the message says so."""
+
+
+class Here:
+    """This process, as a cluster: what works on one works without."""
+
+    workers = 1
+
+    def map(self, function: Callable[[Part], Result], parts: Iterable[Part]) -> Iterator[Result]:
+        """The result of each part, in their order."""
+        return map(function, parts)
+
+    def total(
+        self, function: Callable[[Part], Any], parts: Sequence[Part], add: Callable[[Any, Any], Any] | None = None
+    ) -> Any:
+        """As `Cluster.total`."""
+        return _total(map(function, parts), add)
 
 
 class Cluster:
@@ -42,7 +58,8 @@ class Cluster:
     def map(self, function: Callable[[Part], Result], parts: Iterable[Part]) -> Iterator[Result | LostError]:
         """The result of each part, in their order; a `LostError` for one that no worker survived.
 
-        What `function` raises is raised here. No more parts are under way, and no more results wait, than a few for
+        `function` is sent by its name: one of a module, and not a closure, or each worker traces it anew for each
+        part. What it raises is raised here. No more parts are under way, and no more results wait, than a few for
         each worker.
         """
         from distributed import KilledWorker
@@ -77,10 +94,10 @@ class Cluster:
         `add`: of two of them, leaf by leaf if None. Raises `LostError` if no worker survived a part, `ValueError` if
         there is none.
         """
-        return total(self.map(function, parts), add)
+        return _total(self.map(function, parts), add)
 
 
-def total(terms: Iterable[Any], add: Callable[[Any, Any], Any] | None = None) -> Any:
+def _total(terms: Iterable[Any], add: Callable[[Any, Any], Any] | None = None) -> Any:
     """The sum of trees, first to last. Raises `LostError` for a term that is one, `ValueError` for none."""
 
     def both(one: Any, other: Any) -> Any:
@@ -102,14 +119,14 @@ def total(terms: Iterable[Any], add: Callable[[Any, Any], Any] | None = None) ->
 
 
 @contextmanager
-def cluster_of(given: str | Cluster | None) -> Iterator[Cluster | None]:
+def cluster_of(given: str | Cluster | Here | None) -> Iterator[Cluster | Here]:
     """Workers by name: the address of a scheduler (`tcp://host:8786`, `tls://...`), or `local:N` for N processes on
-    this machine, which share its cores out among them. None gives None, a `Cluster` itself.
+    this machine, which share its cores out among them. None gives `Here`, a `Cluster` itself.
 
     Raises `ConfigError` for another name, for an address where nobody answers, and where Dask is not installed.
     """
-    if given is None or isinstance(given, Cluster):
-        yield given
+    if given is None or isinstance(given, Cluster | Here):
+        yield given or Here()
         return
     kind, _, rest = given.partition(":")
     if kind not in ("local", "tcp", "tls") or (kind == "local" and not (rest.isdecimal() and int(rest) > 0)):

@@ -12,8 +12,9 @@ import contextlib
 import glob
 import json
 import os
+import shutil
 import signal
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
@@ -29,7 +30,7 @@ from jaxradar.drivefile import is_drive_folder, write_drive
 from jaxradar.logs import find_logs, read_log, source_files
 from jaxradar.store import CATALOGUE, DRIVES, MARKER, Catalogue, Entry, archived_members, entry_of, make_store
 
-__all__ = ["Imported", "import_logs"]
+__all__ = ["Imported", "import_each", "import_logs"]
 
 COMMIT_SECONDS = 1.0  # how much work a kill can cost
 _HASH_BLOCK = 1 << 18
@@ -40,8 +41,9 @@ _NO_FILES = "[]"  # the stamp of what is not there
 class Imported:
     """What became of one source.
 
-    `done`: "imported", "unchanged" (nothing to do), "same" (another time of change, the same content), "failed" or
-    "failed before" (and unchanged since then). `entry`: its row.
+    `done`: "imported", "unchanged" (nothing to do), "same" (another time of change, the same content), "failed",
+    "failed before" (and unchanged since then) or "moved" (it is not there any more, but the same content is elsewhere:
+    its drive was taken out of the store, which holds the other's). `entry`: its row.
     """
 
     done: str
@@ -57,16 +59,35 @@ class _Task:
 
 
 def import_logs(
-    logs: Iterable[str | PathLike[str]], store: str | PathLike[str], *, workers: int | None = None
-) -> Iterator[Imported]:
-    """Bring logs into the store at a path, which is made if it is not there; each as soon as it is done.
+    logs: str | PathLike[str] | Iterable[str | PathLike[str]],
+    store: str | PathLike[str],
+    *,
+    workers: int | None = None,
+    progress: Callable[[int], None] = lambda done: None,
+) -> tuple[Imported, ...]:
+    """Bring logs into the store at a path, which is made if it is not there. Returns what became of each.
 
-    `logs`: logs, folders of logs and patterns, as `find_logs` takes them. `workers`: processes, one for each core if
-    None. A log that cannot be read is an entry with an `error`, and never stops the others; nor does one that brings
-    its process down. What the caller does not go on to fetch is not imported, and nothing of it is lost.
+    `logs`: a path or many: logs, folders of logs and patterns, as `find_logs` takes them. `workers`: processes, one
+    for each core if None. `progress`: hears how many are done. A log that cannot be read is an entry with an `error`,
+    and never stops the others; nor does one that brings its process down.
 
     Raises `LogError` if `store` is something else, cannot be written, or is being written by another program.
     """
+    done = []
+    for one in import_each(logs, store, workers=workers):
+        done.append(one)
+        progress(len(done))
+    return tuple(done)
+
+
+def import_each(
+    logs: str | PathLike[str] | Iterable[str | PathLike[str]],
+    store: str | PathLike[str],
+    *,
+    workers: int | None = None,
+) -> Iterator[Imported]:
+    """As `import_logs`, each as soon as it is done. What the caller does not go on to fetch is not imported, and
+    nothing of it is lost; nobody else can import until this is closed or at its end."""
     place = Path(store)
     make_store(place)
     with _alone(place), Catalogue(place / CATALOGUE, write=True) as catalogue:
@@ -74,7 +95,8 @@ def import_logs(
         fresh: list[Entry] = []
         saved = monotonic()
         try:
-            for one in _work(place, _tasks(place, logs, known), workers or cores()):
+            given = [logs] if isinstance(logs, str | PathLike) else logs
+            for one in _work(place, _tasks(place, given, known), workers or cores()):
                 if one.done not in ("unchanged", "failed before") and one.entry.stamp != _NO_FILES:
                     fresh.append(one.entry)
                 if fresh and monotonic() - saved > COMMIT_SECONDS:
@@ -83,6 +105,21 @@ def import_logs(
                 yield one
         finally:
             catalogue.put(fresh)
+        yield from _moved(place, catalogue)
+
+
+def _moved(store: Path, catalogue: Catalogue) -> Iterator[Imported]:
+    """A drive that is in a store twice would count twice."""
+    entries = [entry for entry in catalogue.entries() if entry.name is not None]
+    there = {entry.source for entry in entries if os.path.lexists(entry.source)}
+    held = {entry.hash for entry in entries if entry.source in there and entry.error is None}
+    for entry in entries:
+        source = Path(entry.source)
+        if entry.source in there or entry.hash not in held or archived_members(source) is not None:
+            continue
+        catalogue.drop(entry.source)
+        shutil.rmtree(store / DRIVES / f"{entry.name}.drive", ignore_errors=True)
+        yield Imported("moved", entry)
 
 
 @contextlib.contextmanager

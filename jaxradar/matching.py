@@ -163,16 +163,38 @@ class Counted(Protocol):
 
 @dataclass(frozen=True)
 class Score:
-    """What of a `Matching` is counted."""
+    """What is kept of a `Matching`.
 
-    hits: int
-    misses: int
-    false_alarms: int
-    lead_s: tuple[float, ...] = ()
+    - `steps`: the steps that count, in order of `impact_s`.
+    - `leads_s`: of each of them how long before the impact it was seen, in seconds; None for a miss.
+    - `false_alarms`: how many.
+    """
+
+    steps: tuple[RoadStep, ...] = ()
+    leads_s: tuple[float | None, ...] = ()
+    false_alarms: int = 0
 
     @classmethod
-    def of(cls, matching: Counted) -> Score:
-        return cls(matching.hits, matching.misses, matching.false_alarms, matching.lead_s)
+    def of(cls, matching: Matching) -> Score:
+        leads = iter(matching.lead_s)
+        return cls(
+            matching.steps,
+            tuple(None if place is None else next(leads) for place in matching.hit_by),
+            matching.false_alarms,
+        )
+
+    @property
+    def lead_s(self) -> tuple[float, ...]:
+        """Of the hits alone."""
+        return tuple(lead for lead in self.leads_s if lead is not None)
+
+    @property
+    def hits(self) -> int:
+        return len(self.lead_s)
+
+    @property
+    def misses(self) -> int:
+        return len(self.steps) - len(self.lead_s)
 
 
 @dataclass(frozen=True)

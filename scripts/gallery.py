@@ -6,7 +6,7 @@ import jaxradar
 
 
 def main(logs: str, page: str) -> None:
-    for one in jaxradar.import_logs([logs], "store"):  # only what is new or changed is read
+    for one in jaxradar.import_logs(logs, "store"):  # only what is new or changed is read
         print(one.done, one.entry.error or one.entry.source)
     found = jaxradar.evaluate("store", "default", pictures=True)
     table = found.to_arrow()  # or to_pandas(), to_polars(); one row for each sensor of each log

@@ -20,17 +20,16 @@ import pyarrow as pa
 import pytest
 from test_cli_evaluate import AXIS, jumps, known
 
-import jaxradar
 from jaxradar import ConfigError
 from jaxradar.cli import main
-from jaxradar.cluster import Cluster, LostError, cluster_of, total
+from jaxradar.cluster import Cluster, Here, LostError, cluster_of
 from jaxradar.evaluation import Evaluation, Selection, Settings, evaluate, evaluate_each, operating_curve
 from jaxradar.evaluation.picture import picture_of
 from jaxradar.evaluation.records import Failure, SeriesResult, record_of
 from jaxradar.logs import read_log, write_log
 from jaxradar.report import write_report
 from jaxradar.report.data import NOTHING, page_data
-from jaxradar.systems.step import ThesisDetector, detect, load_detector
+from jaxradar.systems.step import ThesisDetector, detect
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +79,10 @@ def test_tables_go_where_tables_go(found: Evaluation) -> None:
     events = found.events()
     assert events.num_rows == sum(len(one.events) for one in found.results)
     assert events.schema.names[0] == "path"
-    empty = Evaluation.of([], ThesisDetector(), jaxradar.MatchWindow())
+    steps = found.steps()
+    assert steps.num_rows == found.summary.hits + found.summary.misses
+    assert steps["lead_s"].null_count == found.summary.misses
+    empty = Evaluation.of([], Settings(ThesisDetector()))
     assert (empty.to_arrow().num_rows, empty.events().num_rows) == (0, 0)
     assert empty.to_arrow().schema == arrow.schema
 
@@ -109,19 +111,20 @@ def test_progress_and_a_detector_that_there_is_not(logs: Path) -> None:
         evaluate(logs, "theses")
 
 
-def test_operating_curve(logs: Path) -> None:
-    paths = [str(logs / f"log{n}") for n in range(7)]
+def test_operating_curve(found: Evaluation) -> None:
     heard: list[int] = []
-    settings = Settings(load_detector("thesis").detector)
-    curve = operating_curve(paths, settings, (0.5, 1.0, 100.0), most_logs=4, advance=heard.append)
+    curve = operating_curve(found, (0.5, 1.0, 100.0), most_logs=4, advance=heard.append)
     assert [point.chosen for point in curve] == [False, True, False]
     assert [point.threshold for point in curve] == pytest.approx([0.35, 0.7, 70.0])
     assert [point.summary.series for point in curve] == [4, 4, 4]
     assert [point.summary.hits for point in curve] == [4, 4, 0]
-    low, high = curve[1].detection_interval or (0, 0)
-    assert low < 0.5 < high
-    assert curve[-1].detection_interval == (0.0, pytest.approx(0.3694, abs=1e-4))  # 1 - .025^(1/8)
-    assert (curve[-1].false_alarm_interval or (1,))[0] == 0.0
+    own, last = curve[1].detected, curve[-1].detected
+    assert own is not None
+    assert own.low < own.value == 0.5 < own.high
+    assert last is not None
+    assert (last.low, last.high) == (0.0, pytest.approx(0.3694, abs=1e-4))  # 1 - .025^(1/8)
+    assert curve[-1].false_alarms_per_hour is not None
+    assert curve[-1].false_alarms_per_hour.low == 0.0
     assert sum(heard) == 4
 
 
@@ -155,7 +158,7 @@ def _gradient(part: list[float]) -> Any:
 
 def test_sums_of_gradients_are_those_of_one_process(workers: Cluster) -> None:
     parts = [[0.1 * n, n**0.5, 1.0] for n in range(17)]
-    there, here = workers.total(_gradient, parts), total(map(_gradient, parts))
+    there, here = workers.total(_gradient, parts), Here().total(_gradient, parts)
     jax.tree.map(np.testing.assert_array_equal, there, here)
     assert workers.total(len, parts, max) == 3
     with pytest.raises(ValueError, match="at least one part"):
@@ -256,8 +259,7 @@ class _Page(html.parser.HTMLParser):
 
 
 def test_the_page_holds_all_and_asks_for_nothing(found: Evaluation, logs: Path, tmp_path: Path) -> None:
-    paths = [one.path for one in found.results if one.score]
-    curve = operating_curve(paths, Settings(load_detector("thesis").detector), (1.0, 2.0))
+    curve = operating_curve(found, (1.0, 2.0))
     write_report(found, tmp_path / "page.html", curve=curve, title="<b>&")
     text = (tmp_path / "page.html").read_text()
     page = _Page(text)
@@ -280,7 +282,7 @@ def test_pictures_come_back_from_their_blobs(found: Evaluation) -> None:
         start, stop, near, far, top, size, fastest = frame
         words = np.frombuffer(raw[offset : offset + size], "<u2")
         count, columns, rows = words[:3]
-        low, high, slow, fast, statistic = words[3 : 3 + 5 * count].reshape(5, count)
+        low, high, slow, fast, statistic, event = words[3 : 3 + 6 * count].reshape(6, count)
         picture = one.picture
         assert picture is not None
         for row, wanted in ((low, picture.range_m[0]), (high, picture.range_m[1])):
@@ -288,9 +290,11 @@ def test_pictures_come_back_from_their_blobs(found: Evaluation) -> None:
             assert ((row == NOTHING) == ~known_).all()
             np.testing.assert_allclose(near + row[known_] / 65534 * (far - near), wanted[known_], atol=2e-5)
         np.testing.assert_allclose(statistic / 65535 * top, picture.statistic, atol=1e-4 * max(top, 1))
+        assert event.astype(bool).tolist() == picture.event.tolist()
+        assert bool(picture.event.any()) == bool(len(one.events))
         known_ = np.isfinite(picture.speed_m_s[1])
         np.testing.assert_allclose((fast[known_] / 32767 - 1) * fastest, picture.speed_m_s[1][known_], atol=1e-3)
-        cells = np.frombuffer(raw[offset : offset + size], np.uint8)[6 + 10 * count :][: rows * columns]
+        cells = np.frombuffer(raw[offset : offset + size], np.uint8)[6 + 12 * count :][: rows * columns]
         np.testing.assert_array_equal(cells.reshape(rows, columns), picture.amplitude)
         assert (start, stop) == (picture.start_s, picture.stop_s)
         assert (slow <= fast)[fast != NOTHING].all()
@@ -306,13 +310,15 @@ def test_a_picture_keeps_extremes(count: int) -> None:
     )
     found = {name: rng.normal(size=count) for name in ("range_m", "speed_m_s", "statistic")}
     found["valid"] = rng.random(count) < 0.8
+    found["event"] = rng.random(count) < 0.01
     picture = picture_of(series, found)
     seen = found["range_m"][found["valid"]]
     if len(seen):
         assert np.nanmin(picture.range_m) == np.float32(seen.min())
         assert np.nanmax(picture.range_m) == np.float32(seen.max())
         assert picture.statistic.max() == np.float32(found["statistic"].max())
-    assert len(picture.statistic) == min(count, 160)
+    assert len(picture.statistic) == len(picture.event) == min(count, 160)
+    assert picture.event.any() == found["event"].any()
     assert picture.amplitude.shape == (32, min(count, 80))
 
 

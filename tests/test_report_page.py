@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jaxradar import MatchWindow
-from jaxradar.evaluation import Evaluation, Events, Failure, LogFacts, OperatingPoint, Picture, SeriesResult
+from jaxradar.drive import RoadStep
+from jaxradar.evaluation import Evaluation, Events, Failure, OperatingPoint, Picture, SeriesResult, Settings
 from jaxradar.matching import Score, Summary
 from jaxradar.report import write_report
 from jaxradar.systems.step import DefaultDetector
@@ -34,19 +34,22 @@ def result(number: int) -> SeriesResult:
         range_m=np.stack([track, track + 0.01]).astype(np.float32),
         speed_m_s=np.stack([-np.abs(rng.normal(size=160)), np.abs(rng.normal(size=160))]).astype(np.float32),
         statistic=rng.uniform(0, 0.3, 160).astype(np.float32),
+        event=np.zeros(160, bool),
         amplitude=rng.integers(0, 256, (32, 80)).astype(np.uint8),
         near_m=0.1,
         far_m=1.0,
     )
-    score = None if number % 10 == 0 else Score(number % 2, (number + 1) % 2, number % 4, (0.05 + 1e-5 * number,))
-    facts = LogFacts(("Something was mended.",) if number % 7 == 0 else (), None if score is None else (12.0,))
-    return SeriesResult(f"/logs/{number % 9}/log {number:05d}", 3, 6000, 20.0, 300.0, 5, events, score, facts, picture)
+    lead_s = 0.05 + 1e-5 * number if number % 2 else None
+    score = None if number % 10 == 0 else Score((RoadStep(12.0),), (lead_s,), number % 4)
+    problems = ("Something was mended.",) if number % 7 == 0 else ()
+    name = f"/logs/{number % 9}/log {number:05d}"
+    return SeriesResult(name, 3, 6000, 20.0, 300.0, 5, events, score, problems, picture)
 
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     page = tmp_path_factory.mktemp("report") / "report.html"
-    found = Evaluation.of(map(result, range(DRIVES)), DefaultDetector(), MatchWindow())
+    found = Evaluation.of(map(result, range(DRIVES)), Settings(DefaultDetector()))
     found = dataclasses.replace(found, failures=(Failure("/logs/bad", "/logs/bad: is <b>bad</b>."),))
     points = [OperatingPoint(0.1 * n, Summary(5, 36000.0, 60 - 10 * n, 10 * n, 4**n), n == 2) for n in range(4, 0, -1)]
     write_report(found, page, curve=points)
@@ -82,7 +85,7 @@ def page(browser: Any, report: Path) -> Iterator[Any]:
 
 
 def names(page: Any) -> list[str]:
-    return page.locator("tbody tr.row td:first-child").all_inner_texts()
+    return page.locator("tbody tr.row th").all_inner_texts()
 
 
 def test_five_thousand_series_load_soon(browser: Any, report: Path) -> None:
@@ -131,7 +134,7 @@ def test_only_what_is_in_sight_is_in_the_page(page: Any) -> None:
     page.keyboard.press("End")
     page.wait_for_timeout(200)
     assert names(page)[-1].endswith("log 04999")
-    assert page.locator("tr.active td").first.inner_text().endswith("log 04999")
+    assert page.locator("tr.active th").first.inner_text().endswith("log 04999")
     assert len(names(page)) < 60
     assert page.locator("#table").get_attribute("aria-rowcount") == "5001"
 
@@ -179,3 +182,45 @@ def test_every_control_has_a_name(page: Any) -> None:
             !(one.getAttribute("aria-label") || one.textContent.trim() || (one.labels && one.labels.length))).length"""
     )
     assert unnamed == 0
+
+
+def test_the_last_series_by_button_and_the_window_resized(page: Any) -> None:
+    page.locator("#table").focus()
+    page.keyboard.press("End")
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press("Enter")
+    following = page.get_by_role("button", name="Next")
+    following.click()
+    assert following.get_attribute("aria-disabled") == "true"
+    assert page.evaluate("document.activeElement.id") == "after"  # so the keys go on
+    page.keyboard.press("ArrowLeft")
+    page.wait_for_function("document.getElementById('detail-heading').textContent.includes('04998')")
+    for width in (900, 1000, 1100):
+        page.set_viewport_size({"width": width, "height": 900})
+    page.wait_for_timeout(300)
+    assert page.locator("dialog canvas").count() == 4
+    assert page.locator("tr[aria-selected=true]").count() == 1
+
+
+def test_a_page_without_pictures(browser: Any, tmp_path: Path) -> None:
+    results = [dataclasses.replace(result(number), picture=None) for number in range(60)]
+    write_report(Evaluation.of(results, Settings(DefaultDetector())), tmp_path / "page.html")
+    opened = browser.new_page(viewport={"width": 1280, "height": 900})
+    opened.goto((tmp_path / "page.html").as_uri())
+    opened.wait_for_function("document.documentElement.dataset.ready === 'yes'")
+    heights = opened.evaluate(
+        "[...document.querySelectorAll('tr.row')].map((row) => row.getBoundingClientRect().height)"
+    )
+    assert set(heights) == {opened.evaluate("document.querySelector('tr.row').offsetHeight")}
+    assert max(heights) < 45
+    opened.locator("#table").focus()
+    for _ in range(30):
+        opened.keyboard.press("ArrowDown")
+    box, row = opened.locator("#scroll").bounding_box(), opened.locator("tr.active").bounding_box()
+    assert row["y"] + row["height"] <= box["y"] + box["height"] + 1
+    opened.locator("#words").fill("there is none of that name")
+    assert opened.locator("#rows").inner_text() == "No series is like that."
+    opened.locator("#table").focus()
+    opened.keyboard.press("ArrowDown")
+    assert opened.locator("#table").get_attribute("aria-activedescendant") != "row--1"
+    opened.close()

@@ -21,7 +21,7 @@ from log_samples import FIGURE_TEXT, assert_drives_equal, drives, lab_text
 from jaxradar._errors import LogError
 from jaxradar.cli import main
 from jaxradar.drivefile import write_drive
-from jaxradar.ingest import import_logs
+from jaxradar.ingest import import_each
 from jaxradar.logs import find_logs, read_log, write_log
 from jaxradar.store import (
     CATALOGUE,
@@ -57,7 +57,7 @@ def logs(tmp_path: Path) -> Path:
 
 def done(logs: Any, store: Path, **options: Any) -> dict[str, str]:
     given = [logs] if isinstance(logs, Path) else logs
-    return {Path(one.entry.source).name: one.done for one in import_logs(given, store, workers=1, **options)}
+    return {Path(one.entry.source).name: one.done for one in import_each(given, store, workers=1, **options)}
 
 
 def test_what_is_imported_is_what_was_read(logs: Path, tmp_path: Path) -> None:
@@ -104,6 +104,21 @@ def test_a_source_that_breaks_later_keeps_its_drive(logs: Path, tmp_path: Path) 
     assert done(logs, store)["log0"] == "failed before"
 
 
+def test_a_source_that_moved_is_in_the_store_once(logs: Path, tmp_path: Path) -> None:
+    store, elsewhere = tmp_path / "store", tmp_path / "elsewhere"
+    done(logs, store)
+    shutil.copytree(logs / "day0", tmp_path / "copy")
+    assert "moved" not in done(tmp_path / "copy", store).values()  # both are there: two logs, as they were given
+    logs.rename(elsewhere)
+    outcomes = [one.done for one in import_each([elsewhere], store, workers=1)]
+    assert sorted(outcomes) == ["failed", *["imported"] * 3, *["moved"] * 3]
+    names = [entry.name for entry in open_store(store).drives]
+    assert names == ["copy/log0", "copy/log2", "elsewhere/day0/log0", "elsewhere/day0/log2", "elsewhere/day1/log1"]
+    assert sorted(str(path.relative_to(store / DRIVES)) for path in store.rglob("*.drive")) == [
+        f"{n}.drive" for n in names
+    ]
+
+
 def test_a_drive_that_is_gone_is_made_again(logs: Path, tmp_path: Path) -> None:
     store = tmp_path / "store"
     done(logs, store)
@@ -130,9 +145,9 @@ def test_a_store_inside_the_logs_is_not_imported_into_itself(logs: Path) -> None
 
 _KILLED = """
 import sys
-from jaxradar.ingest import import_logs
+from jaxradar.ingest import import_each
 if __name__ == "__main__":
-    for one in import_logs(sys.argv[2:], sys.argv[1], workers=2):
+    for one in import_each(sys.argv[2:], sys.argv[1], workers=2):
         print(one.done, flush=True)
 """
 
@@ -179,9 +194,9 @@ def test_a_reader_that_dies_is_one_log_that_failed(logs: Path, tmp_path: Path, m
     script = tmp_path / "run.py"
     script.write_text(
         "import sys; sys.path.insert(0, sys.argv[1]); import deadly\n"
-        "from jaxradar.ingest import import_logs\n"
+        "from jaxradar.ingest import import_each\n"
         "if __name__ == '__main__':\n"
-        "    for one in import_logs([sys.argv[2]], sys.argv[3], workers=2):\n"
+        "    for one in import_each([sys.argv[2]], sys.argv[3], workers=2):\n"
         "        print(one.entry.source.rpartition('/')[2], one.done, one.entry.error)\n"
     )
     ran = subprocess.run(
@@ -198,7 +213,7 @@ def test_a_reader_that_dies_is_one_log_that_failed(logs: Path, tmp_path: Path, m
 
 def test_two_imports_at_once_are_told(logs: Path, tmp_path: Path) -> None:
     store = tmp_path / "store"
-    first = import_logs([logs], store, workers=1)
+    first = import_each([logs], store, workers=1)
     next(first)
     with pytest.raises(LogError, match="is being written by another import"):
         done(logs, store)

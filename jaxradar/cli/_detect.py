@@ -2,32 +2,13 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
 from pathlib import Path
 
 from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar.cli._output import shown
 from jaxradar.evaluation import Drawn, SeriesResult, Settings, evaluate_each
-from jaxradar.logs import find_logs
 
-__all__ = ["all_logs", "draw_drive", "draw_sweeps", "figure_files", "results_of"]
-
-
-def all_logs(paths: Sequence[str]) -> tuple[list[str], list[tuple[str, str]]]:
-    """The logs that the arguments name, each once and as it was given or found, and (argument, what is wrong) of those
-    that name none."""
-    logs: dict[str, str] = {}
-    empty = []
-    for given in paths:
-        found = find_logs([given])
-        if not found:
-            folder = f"{given}: is a folder without logs; expected <sensor>.csv, .h5 or .drive in it."
-            empty.append((given, folder if given else "'': an empty name names no log."))
-        for path in found:
-            # `Path` writes "./a//b/" as "a/b", and who asked for the one looks for it in the results.
-            logs.setdefault(os.path.realpath(path), given if path == Path(given) else os.fspath(path))
-    return list(logs.values()), empty
+__all__ = ["draw_drive", "draw_sweeps", "figure_files", "results_of"]
 
 
 def results_of(path: str, settings: Settings) -> list[SeriesResult]:

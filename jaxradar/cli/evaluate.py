@@ -14,7 +14,7 @@ from jaxradar.cli._options import add_command, add_selection, check_part, number
 from jaxradar.cli._output import Stream, json_lines, print_table, progress, ready_folder, shown
 
 if TYPE_CHECKING:
-    from jaxradar.evaluation import SeriesResult
+    from jaxradar.evaluation import Evaluation, SeriesResult
 
 __all__ = ["add_to", "print_results"]
 
@@ -75,8 +75,9 @@ def _run(args: argparse.Namespace) -> int:
     check_part(args.start, args.stop)
     if args.cluster is not None and args.figures is not None:
         raise ConfigError("--figures draws on this machine; leave out --cluster.")
-    from jaxradar.cli._detect import all_logs, figure_files
-    from jaxradar.evaluation import Failure, Selection, Settings, evaluate_parts, record_of
+    from jaxradar.cli._detect import figure_files
+    from jaxradar.cli._logs import all_logs
+    from jaxradar.evaluation import Evaluation, Failure, Selection, Settings, evaluate_parts, failure_record, record_of
     from jaxradar.matching import MatchWindow
     from jaxradar.systems.step import load_detector
 
@@ -90,7 +91,7 @@ def _run(args: argparse.Namespace) -> int:
     logs, empty = all_logs(args.paths)
     rows = _Rows()
     failures: list[Failure] = []
-    kept: list[SeriesResult | Failure] = []
+    kept: list[SeriesResult] = []
     names: set[str] = set()
     with json_lines(args.json, logs) as lines:
         figures = ready_folder(args.figures, "--figures")
@@ -99,24 +100,25 @@ def _run(args: argparse.Namespace) -> int:
 
         def fail(one: Failure) -> None:
             failures.append(one)
-            lines.write({"path": one.path, "error": one.error})
+            lines.write(failure_record(one))
             print(f"jaxradar: {shown(one.error)}", file=sys.stderr)
 
         for given, problem in empty:
             fail(Failure(given, problem))
         with progress("evaluating", len(logs), quiet=args.quiet) as advance:
             for one in evaluate_parts(logs, settings, args.cluster, advance):
-                if args.report is not None:
-                    kept.append(one)
                 if isinstance(one, Failure):
                     fail(one)
                     continue
+                if args.report is not None:
+                    kept.append(one)
                 if figures is not None:
                     figure_files(one, figures, settings.detector.name, names)
                 lines.write(record_of(one))
                 rows.add(one)
     if args.report is not None:
-        _write_report(args, settings, kept)
+        found = Evaluation.of([*kept, *failures], settings)
+        _write_report(args, found)
     if not args.quiet:
         rows.print(sys.stderr if args.json == "-" else sys.stdout)
     if not failures:
@@ -140,16 +142,15 @@ def _check_report(target: str, logs: Sequence[str]) -> None:
         raise ConfigError(f"--report {shown(target)} cannot be written: {reason}.") from None
 
 
-def _write_report(args: argparse.Namespace, settings: Any, kept: Sequence[Any]) -> None:
-    from jaxradar.evaluation import Evaluation, operating_curve
+def _write_report(args: argparse.Namespace, found: Evaluation) -> None:
+    from jaxradar.evaluation import operating_curve
     from jaxradar.report import write_report
 
-    found = Evaluation.of(kept, settings.detector, settings.window)
-    known = list(dict.fromkeys(one.path for one in found.results if one.score is not None))
+    known = len({one.path for one in found.results if one.score is not None})
     curve: tuple[Any, ...] = ()
     if known:
-        with progress("ROC", min(len(known), MOST_ROC_LOGS), quiet=args.quiet) as advance:
-            curve = operating_curve(known, settings, most_logs=MOST_ROC_LOGS, advance=advance)
+        with progress("ROC", min(known, MOST_ROC_LOGS), quiet=args.quiet) as advance:
+            curve = operating_curve(found, most_logs=MOST_ROC_LOGS, cluster=args.cluster, advance=advance)
     write_report(found, args.report, curve=curve)
 
 
@@ -182,15 +183,14 @@ def print_results(
 
     `names` stand in the first column instead of the logs' own.
     """
+    from jaxradar.logs import below_common_folder
     from jaxradar.matching import summarise
 
     if not results:
         return
     paths = [shown(one.path) for one in results]
     # What all have in common tells nothing apart; it would push the numbers out of a window of 80 columns.
-    common = os.path.commonpath([os.path.dirname(os.path.abspath(path)) for path in paths])  # noqa: PTH100, PTH120
-    apart = paths if common == os.path.sep else [os.path.relpath(path, common) for path in paths]
-    short = list(names) or apart
+    short = list(names) or below_common_folder(paths)[1]
     rows = []
     for name, one in zip(short, results, strict=True):
         row = [name, one.sensor, one.sweeps, one.invalid_sweeps, len(one.events)]
@@ -204,7 +204,7 @@ def print_results(
         rows.append([str(cell) for cell in row])
     columns = ("log", "sensor", "sweeps", "invalid", "found", "hit", "missed", "false", "lead ms")
     print_table(file, columns, rows)
-    said = dict.fromkeys((name, text) for name, one in zip(short, results, strict=True) for text in one.log.problems)
+    said = dict.fromkeys((name, text) for name, one in zip(short, results, strict=True) for text in one.problems)
     for name, text in said:
         print(f"{name}: {shown(text)}", file=file)
     if known:

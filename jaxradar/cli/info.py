@@ -36,7 +36,7 @@ def add_to(commands: Any) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from jaxradar.cli._detect import all_logs
+    from jaxradar.cli._logs import all_logs
     from jaxradar.logs import read_log
 
     logs, empty = all_logs(args.paths)

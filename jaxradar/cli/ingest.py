@@ -75,20 +75,21 @@ _SAID = {
     "imported": "imported",
     "unchanged": "unchanged",
     "same": "touched and unchanged",
+    "moved": "moved since they were imported, whose old drives were taken out",
     "failed": "could not be read",
     "failed before": "could not be read before and have not changed",
 }
 
 
 def _import(args: argparse.Namespace, store: Path, done: Counter[str], failed: list[str]) -> None:
-    from jaxradar.ingest import import_logs
+    from jaxradar.ingest import import_each
     from jaxradar.logs import find_logs
 
     total = len(find_logs(args.paths))
     if not total:
         raise ConfigError(f"{', '.join(map(shown, args.paths))}: no logs there.")
     with progress("importing", total, quiet=args.quiet) as advance:
-        for one in import_logs(args.paths, store, workers=args.workers):
+        for one in import_each(args.paths, store, workers=args.workers):
             done[one.done] += 1
             if one.done.startswith("failed"):
                 failed.append(str(one.entry.error))

@@ -35,7 +35,8 @@ def add_to(commands: Any) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     check_part(args.start, args.stop)
-    from jaxradar.cli._detect import all_logs, figure_files, results_of
+    from jaxradar.cli._detect import figure_files, results_of
+    from jaxradar.cli._logs import all_logs
     from jaxradar.evaluation import Selection, Settings
     from jaxradar.systems.step import load_detector
 

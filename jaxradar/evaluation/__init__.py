@@ -7,10 +7,10 @@
 The rule of what is a hit is in `jaxradar.matching`.
 """
 
-from jaxradar.evaluation.records import Drawn, Events, Failure, LogFacts, Picture, SeriesResult, record_of
+from jaxradar.evaluation.records import Drawn, Events, Failure, Picture, SeriesResult, failure_record, record_of
 from jaxradar.evaluation.roc import OperatingPoint, operating_curve
-from jaxradar.evaluation.run import Settings, evaluate, evaluate_each, evaluate_parts
-from jaxradar.evaluation.selection import Selection
+from jaxradar.evaluation.run import evaluate, evaluate_each, evaluate_parts
+from jaxradar.evaluation.selection import Selection, Settings
 from jaxradar.evaluation.table import Evaluation
 
 __all__ = [
@@ -18,7 +18,6 @@ __all__ = [
     "Evaluation",
     "Events",
     "Failure",
-    "LogFacts",
     "OperatingPoint",
     "Picture",
     "Selection",
@@ -27,6 +26,7 @@ __all__ = [
     "evaluate",
     "evaluate_each",
     "evaluate_parts",
+    "failure_record",
     "operating_curve",
     "record_of",
 ]

@@ -18,7 +18,7 @@ _BRIGHTEST = 99.9  # percentile that is white: single saturated sweeps do not da
 
 
 def picture_of(series: SensorSeries, found: Mapping[str, np.ndarray]) -> Picture:
-    """The picture of a series with the `range_m`, `speed_m_s`, `statistic` and `valid` that a detector found in it.
+    """The picture of a series with the `range_m`, `speed_m_s`, `statistic`, `valid` and `event` that were found in it.
 
     Columns are of equal numbers of sweeps, which are of equal time as far as the sweep rate is.
     """
@@ -31,6 +31,7 @@ def picture_of(series: SensorSeries, found: Mapping[str, np.ndarray]) -> Picture
         range_m=_span(found["range_m"], found["valid"], starts),
         speed_m_s=_span(found["speed_m_s"], found["valid"], starts),
         statistic=_reduced(np.maximum, found["statistic"], starts).astype(np.float32),
+        event=_reduced(np.logical_or, found["event"], starts).astype(bool),
         amplitude=_map(series),
         near_m=float(series.range_m[0]),
         far_m=float(series.range_m[-1]),

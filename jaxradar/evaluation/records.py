@@ -12,7 +12,7 @@ from jaxradar.drive import Drive, SensorSeries
 from jaxradar.matching import Matching, Score
 from jaxradar.systems.step import StepEvent, StepTrace
 
-__all__ = ["Drawn", "Events", "Failure", "LogFacts", "Picture", "SeriesResult", "record_of"]
+__all__ = ["Drawn", "Events", "Failure", "Picture", "SeriesResult", "failure_record", "record_of"]
 
 
 @dataclass(frozen=True)
@@ -25,15 +25,6 @@ class Failure:
     wrong_option: bool = False
 
 
-@dataclass(frozen=True)
-class LogFacts:
-    """What the log says of itself: sentences of its reader, and when the first front tyre met each step, in seconds
-    since the first sweep; None where the truth is not known."""
-
-    problems: tuple[str, ...] = ()
-    impacts_s: tuple[float, ...] | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class Picture:
     """A series small enough for a page: columns of equal time.
@@ -41,7 +32,7 @@ class Picture:
     - `start_s`, `stop_s`: of the first and the last column.
     - `range_m`: (2, columns) float32, least and greatest of the followed range; NaN where nothing was valid.
     - `speed_m_s`: (2, columns) float32, likewise of its rate of change.
-    - `statistic`: (columns,) float32, the greatest.
+    - `statistic`: (columns,) float32, the greatest. `event`: (columns,) bool, whether there is a detection.
     - `amplitude`: (rows, columns) uint8, of some single sweeps, the mean over some bins, as a share of its 99.9th
       percentile under a square root; row 0 is the nearest.
     - `near_m`, `far_m`: of its first and last bin.
@@ -52,6 +43,7 @@ class Picture:
     range_m: np.ndarray
     speed_m_s: np.ndarray
     statistic: np.ndarray
+    event: np.ndarray
     amplitude: np.ndarray
     near_m: float
     far_m: float
@@ -100,7 +92,8 @@ class SeriesResult:
     - `sweeps`, `duration_s`, `sweep_rate_hz`: of the part that was looked at.
     - `invalid_sweeps`: in which the log or the detector saw no echo.
     - `events`: what was detected.
-    - `score`: hits, misses and false alarms; None where the truth is not known.
+    - `score`: steps, which of them were hit, and false alarms; None where the truth is not known.
+    - `problems`: sentences of the log's reader.
     """
 
     path: str
@@ -111,7 +104,7 @@ class SeriesResult:
     invalid_sweeps: int
     events: Events
     score: Score | None
-    log: LogFacts
+    problems: tuple[str, ...] = ()
     picture: Picture | None = None
     drawn: Drawn | None = None
 
@@ -126,10 +119,15 @@ def record_of(result: SeriesResult) -> dict[str, Any]:
         "duration_s": result.duration_s,
         "sweep_rate_hz": result.sweep_rate_hz,
         "invalid_sweeps": result.invalid_sweeps,
-        "problems": list(result.log.problems),
+        "problems": list(result.problems),
         "detections": [vars(event) for event in result.events],
         "hits": None if score is None else score.hits,
         "misses": None if score is None else score.misses,
         "false_alarms": None if score is None else score.false_alarms,
         "lead_s": None if score is None else list(score.lead_s),
     }
+
+
+def failure_record(failure: Failure) -> dict[str, Any]:
+    """Likewise."""
+    return {"path": failure.path, "error": failure.error}

@@ -6,42 +6,28 @@ import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from jaxradar._errors import ConfigError, JaxradarError
-from jaxradar.cluster import Cluster, LostError, cluster_of
+from jaxradar.cluster import Cluster, Here, LostError, cluster_of
 from jaxradar.drive import NANOSECONDS, Channel, Drive, SensorSeries, Truth
 from jaxradar.evaluation.picture import picture_of
-from jaxradar.evaluation.records import Drawn, Events, Failure, LogFacts, SeriesResult
-from jaxradar.evaluation.selection import Part, Selection
+from jaxradar.evaluation.records import Drawn, Events, Failure, SeriesResult
+from jaxradar.evaluation.selection import Part, Selection, Settings
+from jaxradar.evaluation.table import Evaluation
 from jaxradar.logs import find_logs, read_log
 from jaxradar.matching import MatchWindow, Score, match_steps
 from jaxradar.systems.step import Decision, StepDetector, detect_series, load_detector
 from jaxradar.systems.step.pipeline import trace_of
 
-if TYPE_CHECKING:
-    from jaxradar.evaluation.table import Evaluation
-
-__all__ = ["Settings", "evaluate", "evaluate_each", "evaluate_parts"]
+__all__ = ["evaluate", "evaluate_each", "evaluate_parts"]
 
 # Logs that a worker of a cluster goes through at a time: at most so many that its lanes are full most of that time, and
 # few enough that the workers end together.
 SHARD, SHARDS_A_WORKER = 256, 4
 _FIELDS = ("range_m", "strength", "statistic", "valid", "event")
-
-
-@dataclasses.dataclass(frozen=True)
-class Settings:
-    """What is done with each log. `pictures`: with a `Picture` of each series; `figures`: with all that a figure is
-    drawn of, which is as large as the logs themselves."""
-
-    detector: StepDetector[Any, Any]
-    selection: Selection = dataclasses.field(default_factory=Selection)
-    window: MatchWindow = dataclasses.field(default_factory=MatchWindow)
-    pictures: bool = False
-    figures: bool = False
 
 
 @dataclasses.dataclass(eq=False)
@@ -54,7 +40,7 @@ class _Reading:
     part: Part
     truth: Truth | None
     speed: Channel | None
-    log: LogFacts
+    problems: tuple[str, ...]
 
 
 class _Logs:
@@ -76,12 +62,9 @@ class _Logs:
                 self._ready[number] = Failure(path, _sentence(error), isinstance(error, ConfigError))
                 number += 1
                 continue
-            truth = drive.truth
-            impacts = None if truth is None else tuple(step.impact_s for step in truth.steps)
-            facts = LogFacts(tuple(drive.problems), impacts)
             for part in parts:
                 kept = drive if self._settings.figures else None
-                reading = _Reading(number, path, kept, part, truth, drive.motion.speed_m_s, facts)
+                reading = _Reading(number, path, kept, part, drive.truth, drive.motion.speed_m_s, drive.problems)
                 self._under_way[place] = reading
                 number, place = number + 1, place + 1
                 yield part.series
@@ -133,7 +116,7 @@ def _result(reading: _Reading, found: dict[str, Any], settings: Settings) -> Ser
         invalid_sweeps=int((~found["valid"]).sum()),
         events=events,
         score=None if matching is None else Score.of(matching),
-        log=reading.log,
+        problems=tuple(reading.problems),
         picture=picture_of(series, found) if settings.pictures else None,
         drawn=drawn,
     )
@@ -163,7 +146,7 @@ def _shard(settings: Settings, paths: Sequence[str]) -> list[SeriesResult | Fail
 def evaluate_parts(
     paths: Sequence[str],
     settings: Settings,
-    cluster: str | Cluster | None = None,
+    cluster: str | Cluster | Here | None = None,
     advance: Callable[[int], None] = lambda logs: None,
 ) -> Iterator[SeriesResult | Failure]:
     """As `evaluate_each`, on the workers of a cluster if one is given (`cluster_of`), with the same results.
@@ -171,7 +154,7 @@ def evaluate_parts(
     `advance` hears of how many more logs the results were given out.
     """
     with cluster_of(cluster) as workers:
-        if workers is None:
+        if isinstance(workers, Here):
             last = None
             for one in evaluate_each(paths, settings):
                 advance(int(one.path != last))
@@ -195,7 +178,7 @@ def evaluate(
     selection: Selection | None = None,
     window: MatchWindow | None = None,
     pictures: bool = False,
-    cluster: str | Cluster | None = None,
+    cluster: str | Cluster | Here | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Evaluation:
     """Run a detector over logs and stores, and hold what it finds against the truth.
@@ -211,10 +194,7 @@ def evaluate(
     A log that cannot be read is one of the `failures` and stops nothing. Raises `ConfigError` for a detector or a
     cluster that there is not, `LogError` for a store whose catalogue is damaged.
     """
-    from jaxradar.evaluation.table import Evaluation
-
-    given = [logs] if isinstance(logs, str | PathLike) else list(logs)
-    paths = list(map(str, find_logs(given)))
+    paths = list(map(str, find_logs(logs)))
     made = detector if isinstance(detector, StepDetector) else load_detector(detector).detector
     settings = Settings(made, selection or Selection(), window or MatchWindow(), pictures)
     done = 0
@@ -224,5 +204,4 @@ def evaluate(
         done += more
         progress(done, len(paths))
 
-    found = evaluate_parts(paths, settings, cluster, advance)
-    return Evaluation.of(found, made, settings.window)
+    return Evaluation.of(evaluate_parts(paths, settings, cluster, advance), settings)

@@ -1,16 +1,19 @@
-"""Which part of a log is looked at."""
+"""Which part of a log is looked at, and how."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from jaxradar._errors import ConfigError
 from jaxradar.drive import Drive, SensorSeries
+from jaxradar.matching import MatchWindow
+from jaxradar.systems.step import StepDetector, thin
 
-__all__ = ["Part", "Selection"]
+__all__ = ["Part", "Selection", "Settings"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +46,6 @@ class Selection:
         for series in self._sensors(path, drive):
             part = self._cut(path, series)
             if self.bins is not None:
-                from jaxradar.systems.step import thin
-
                 try:
                     part = replace(part, series=thin(part.series, self.bins))
                 except ConfigError as error:
@@ -82,3 +83,15 @@ class Selection:
         kept = slice(first, first + len(places)) if together else places
         cut = replace(series, times_ns=series.times_ns[kept], sweeps=series.sweeps[kept], flags=series.flags[kept])
         return Part(cut, first, None if together else places)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is done with each log. `pictures`: with a `Picture` of each series; `figures`: with all that a figure is
+    drawn of, which is as large as the logs themselves."""
+
+    detector: StepDetector[Any, Any]
+    selection: Selection = field(default_factory=Selection)
+    window: MatchWindow = field(default_factory=MatchWindow)
+    pictures: bool = False
+    figures: bool = False

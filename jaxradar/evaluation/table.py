@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
 from os import PathLike
@@ -14,9 +14,10 @@ from typing import Any
 import pyarrow as pa  # type: ignore[import-untyped]
 
 from jaxradar._errors import LogError
-from jaxradar.evaluation.records import Failure, SeriesResult, record_of
-from jaxradar.matching import MatchWindow, Summary, summarise
-from jaxradar.systems.step import DetectorFile, StepDetector, dump_detector
+from jaxradar.evaluation.records import Failure, SeriesResult, failure_record, record_of
+from jaxradar.evaluation.selection import Settings
+from jaxradar.matching import Summary, summarise
+from jaxradar.systems.step import DetectorFile, dump_detector
 
 __all__ = ["Evaluation"]
 
@@ -48,6 +49,16 @@ _EVENTS = pa.schema(
         ("sweep", pa.int64()),
     ]
 )
+_STEPS = pa.schema(
+    [
+        ("path", pa.string()),
+        ("sensor", pa.int32()),
+        ("impact_s", pa.float64()),
+        ("height_m", pa.float64()),
+        ("lead_s", pa.float64()),
+    ]
+)
+_COUNTS = ("hits", "misses", "false_alarms", "lead_s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +67,7 @@ class Evaluation:
 
     - `results`: a `SeriesResult` for each sensor of each log, in the order of the logs.
     - `failures`: the logs that could not be evaluated.
-    - `detector`: its settings, as TOML. `settings`: what is compared with which threshold, the matching window,
-      versions.
+    - `settings`: the detector, the part of each log, the matching window. `versions`: of what made it, by name.
 
     pandas, polars and whatever else takes Arrow tables takes this, one row for each result:
     `polars.DataFrame(found)`, `pyarrow.table(found)`, `found.to_pandas()`.
@@ -65,29 +75,27 @@ class Evaluation:
 
     results: tuple[SeriesResult, ...]
     failures: tuple[Failure, ...]
-    detector: str
-    settings: Mapping[str, Any]
+    settings: Settings
+    versions: Mapping[str, str]
 
     @classmethod
-    def of(
-        cls, found: Iterable[SeriesResult | Failure], detector: StepDetector[Any, Any], window: MatchWindow
-    ) -> Evaluation:
-        """Out of what `evaluate_each` gives."""
+    def of(cls, found: Iterable[SeriesResult | Failure], settings: Settings) -> Evaluation:
+        """Out of what `evaluate_each` gives with these settings."""
         held = list(found)
         return cls(
             results=tuple(one for one in held if isinstance(one, SeriesResult)),
             failures=tuple(one for one in held if isinstance(one, Failure)),
-            detector=dump_detector(DetectorFile(detector)),
-            settings={
-                "threshold": float(detector.threshold),
-                "statistic": [detector.statistic_name, detector.statistic_unit],
-                "window": asdict(window),
-                "versions": {name: version(name) for name in ("jaxradar", "jax", "numpy")},
-            },
+            settings=settings,
+            versions={name: version(name) for name in ("jaxradar", "jax", "numpy")},
         )
 
     def __len__(self) -> int:
         return len(self.results)
+
+    @property
+    def detector(self) -> str:
+        """All its settings, as TOML."""
+        return dump_detector(DetectorFile(self.settings.detector))
 
     @cached_property
     def summary(self) -> Summary:
@@ -101,8 +109,8 @@ class Evaluation:
                 **{name: getattr(one, name) for name in ("path", "sensor", "sweeps", "duration_s", "sweep_rate_hz")},
                 "invalid_sweeps": one.invalid_sweeps,
                 "detections": len(one.events),
-                **({} if one.score is None else vars(one.score)),
-                "problems": one.log.problems,
+                **({} if one.score is None else {name: getattr(one.score, name) for name in _COUNTS}),
+                "problems": one.problems,
             }
             for one in self.results
         ]
@@ -125,6 +133,16 @@ class Evaluation:
         ]
         return pa.concat_tables(held) if held else _EVENTS.empty_table()
 
+    def steps(self) -> Any:
+        """A `pyarrow.Table`, one row for each step whose truth is known; `lead_s` is null where it was missed."""
+        rows = [
+            (one.path, one.sensor, step.impact_s, step.height_m, lead)
+            for one in self.results
+            if one.score is not None
+            for step, lead in zip(one.score.steps, one.score.leads_s, strict=True)
+        ]
+        return pa.Table.from_pylist([dict(zip(_STEPS.names, row, strict=True)) for row in rows], schema=_STEPS)
+
     def to_pandas(self) -> Any:
         """A `pandas.DataFrame` of the same; needs pandas."""
         return self.to_arrow().to_pandas()
@@ -142,7 +160,7 @@ class Evaluation:
     def write_json(self, path: str | PathLike[str]) -> None:
         """One JSON object for each result and failure, in lines. Raises `LogError` if the file cannot be written."""
         lines = [json.dumps(record_of(one)) for one in self.results]
-        lines += [json.dumps({"path": one.path, "error": one.error}) for one in self.failures]
+        lines += [json.dumps(failure_record(one)) for one in self.failures]
         try:
             Path(path).write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
         except OSError as error:

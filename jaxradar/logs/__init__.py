@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from os import PathLike
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from jaxradar.logs.lab_csv_write import write_lab_csv
 from jaxradar.logs.truth import truth_path
 from jaxradar.store import is_archive, is_store, open_store, read_archived
 
-__all__ = ["find_logs", "read_log", "source_files", "write_log"]
+__all__ = ["below_common_folder", "find_logs", "read_log", "source_files", "write_log"]
 
 _HDF5_NAMES = (".h5", ".hdf5")
 _HDF5_START = b"\x89HDF\r\n\x1a\n"
@@ -78,15 +78,15 @@ def source_files(log: Path) -> list[Path]:
     return sorted(file for file in (*found, truth_path(log)) if file.is_file())
 
 
-def find_logs(paths: Iterable[str | PathLike[str]]) -> list[Path]:
-    """All logs that files, folders and patterns with `*`, `?` or `[` name, sorted, each once.
+def find_logs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> list[Path]:
+    """All logs that a path or many name, files, folders and patterns with `*`, `?` or `[`: sorted, each once.
 
     A folder that is a log itself is one log, a store (its folder or its archive) is all drives of its catalogue; any
     other folder is searched through. What does not exist, and a pattern that matches nothing, is returned as it was
     given, so that reading it says so; an empty name names nothing.
     """
     found: dict[str, Path] = {}
-    for given in paths:
+    for given in [paths] if isinstance(paths, str | PathLike) else paths:
         text = os.fspath(given)
         exists = os.path.lexists(text)
         # `Path.glob` takes no absolute pattern.
@@ -141,6 +141,17 @@ def _is_log_file(path: Path) -> bool:
     if path.suffix.lower() in _HDF5_NAMES:
         return True
     return path.suffix.lower() == ".csv" and path.name not in MOTION_FILES and looks_like_radar(path)
+
+
+def below_common_folder(paths: Sequence[str]) -> tuple[str, list[str]]:
+    """The folder that all logs lie in, and their names from there; "" and the names as they are if there is none."""
+    try:
+        common = os.path.commonpath([os.path.dirname(os.path.abspath(path)) for path in paths])  # noqa: PTH100, PTH120
+    except ValueError:  # no paths, or on different drives
+        return "", list(paths)
+    if common == os.path.sep:
+        return "", list(paths)
+    return common, [os.path.relpath(path, common) for path in paths]
 
 
 def write_log(drive: Drive, path: str | PathLike[str], *, overwrite: bool = False) -> list[str]:

@@ -14,8 +14,8 @@ A task of one's own is a subclass of `Task` with `cases`, `candidates` and `scor
 estimates of one number each.
 """
 
+from jaxradar.estimate.intervals import Estimate, mean, percentile, proportion, rate, rms
 from jaxradar.pareto.front import CaseResult, Frontier, Point
-from jaxradar.pareto.intervals import Estimate, mean, percentile, proportion, rate, rms
 from jaxradar.pareto.machine import machine
 from jaxradar.pareto.measure import choose, measure
 from jaxradar.pareto.report import table, to_json

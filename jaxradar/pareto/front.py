@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from jaxradar._errors import ConfigError
-from jaxradar.pareto.intervals import Estimate
+from jaxradar.estimate.intervals import Estimate
 from jaxradar.pareto.task import Case, Score
 from jaxradar.pareto.timing import Spread, time_text
 

@@ -6,8 +6,8 @@ import math
 from dataclasses import asdict, replace
 from typing import Any
 
+from jaxradar.estimate.intervals import Estimate
 from jaxradar.pareto.front import CaseResult, Frontier, Point
-from jaxradar.pareto.intervals import Estimate
 from jaxradar.pareto.timing import Spread, three_digits, time_text
 
 __all__ = ["table", "to_json"]

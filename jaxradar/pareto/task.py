@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxradar.pareto.intervals import Estimate, mean, percentile, proportion, rms
+from jaxradar.estimate.intervals import Estimate, mean, percentile, proportion, rms
 
 __all__ = ["Candidate", "Case", "Data", "Program", "Score", "Task", "estimation_score"]
 

@@ -15,17 +15,17 @@ function chart(caption, description, width, height) {
 
 // Share of steps seen over false alarms an hour, with 95 % intervals; zero stands at the left edge.
 function operatingCurve() {
-  const points = (data.curve.length ? data.curve : data.own).filter((one) => one.rate !== null && one.false_per_hour !== null);
+  const points = (data.curve.length ? data.curve : data.own).filter((one) => one.rate && one.false_per_hour);
   if (!points.length) return null;
   const [width, height, left, right, top, bottom] = [490, 270, 52, 34, 10, 44];
   const best = points.find((one) => one.chosen) || points[0];
   const [figure, drawing] = chart(
     `Steps seen against false alarms, over the threshold`,
-    `At its own threshold ${(100 * best.rate).toFixed(1)} percent of the steps are seen, ` +
-      `with ${best.false_per_hour.toPrecision(3)} false alarms an hour`,
+    `At its own threshold ${(100 * best.rate[0]).toFixed(1)} percent of the steps are seen, ` +
+      `with ${best.false_per_hour[0].toPrecision(3)} false alarms an hour`,
     width, height,
   );
-  const shown = points.flatMap((one) => [one.false_per_hour, one.false_95[1]]).filter((value) => value > 0);
+  const shown = points.flatMap((one) => [one.false_per_hour[0], one.false_per_hour[2]]).filter((value) => value > 0);
   const least = Math.floor(Math.log10(Math.min(...shown))) - 1, most = Math.ceil(Math.log10(Math.max(...shown)));
   const x = (rate) => {
     const power = rate > 0 ? Math.max(Math.log10(rate), least) : least;
@@ -49,21 +49,21 @@ function operatingCurve() {
   drawing.append(
     svg("text", { x: (left + width - right) / 2, y: height - 6, "text-anchor": "middle" }, "false alarms an hour"),
     svg("text", { transform: `translate(14 ${(height - bottom + top) / 2}) rotate(-90)`, "text-anchor": "middle" }, "steps seen (%)"),
-    svg("polyline", { class: "curve", points: points.map((one) => `${x(one.false_per_hour)},${y(one.rate)}`).join(" ") }),
+    svg("polyline", { class: "curve", points: points.map((one) => `${x(one.false_per_hour[0])},${y(one.rate[0])}`).join(" ") }),
   );
   for (const one of points) {
-    const [across, up] = [x(one.false_per_hour), y(one.rate)];
+    const [across, up] = [x(one.false_per_hour[0]), y(one.rate[0])];
     drawing.append(
-      svg("line", { class: "bar", x1: across, x2: across, y1: y(one.rate_95[0]), y2: y(one.rate_95[1]) }),
-      svg("line", { class: "bar", x1: x(one.false_95[0]), x2: x(one.false_95[1]), y1: up, y2: up }),
+      svg("line", { class: "bar", x1: across, x2: across, y1: y(one.rate[1]), y2: y(one.rate[2]) }),
+      svg("line", { class: "bar", x1: x(one.false_per_hour[1]), x2: x(one.false_per_hour[2]), y1: up, y2: up }),
     );
   }
   for (const one of points) {
-    const dot = svg("circle", { class: one.chosen ? "dot chosen" : "dot", cx: x(one.false_per_hour), cy: y(one.rate), r: one.chosen ? 6 : 4 });
-    dot.append(svg("title", {}, `threshold ${one.threshold}: ${(100 * one.rate).toFixed(1)} % seen, ${one.false_per_hour.toPrecision(3)} false alarms an hour, over ${one.hours.toPrecision(3)} h`));
+    const dot = svg("circle", { class: one.chosen ? "dot chosen" : "dot", cx: x(one.false_per_hour[0]), cy: y(one.rate[0]), r: one.chosen ? 6 : 4 });
+    dot.append(svg("title", {}, `threshold ${one.threshold}: ${(100 * one.rate[0]).toFixed(1)} % seen, ${one.false_per_hour[0].toPrecision(3)} false alarms an hour, over ${one.hours.toPrecision(3)} h`));
     drawing.append(dot);
   }
-  figure.append(element("p", { className: "key" }, "Large point: the threshold as set. Bars: 95 %."));
+  figure.append(element("p", { className: "key" }, `Large point: the threshold as set. Bars: 95 %. Over ${whole(best.series)} series.`));
   return figure;
 }
 
@@ -77,8 +77,7 @@ function leads() {
   const bins = new Array(count).fill(0);
   for (const lead of held) bins[Math.min(count - 1, Math.max(0, Math.floor(lead / step)))]++;
   const most = Math.max(...bins);
-  const sorted = [...held].sort((a, b) => a - b);
-  const median = sorted[Math.floor(sorted.length / 2)];
+  const median = 1000 * data.summary.median_lead_s;
   const [figure, drawing] = chart(
     "How long before the impact", `Median lead ${median.toFixed(0)} milliseconds of ${held.length} hits`, width, height,
   );
@@ -109,13 +108,13 @@ function showSum() {
     list.append(element("div", {}, element("dt", {}, name), element("dd", {}, value, element("small", {}, small))));
   card("Logs", whole(sum.logs), data.failures.length ? `${data.failures.length} could not be read` : "all read");
   card("Sweeps", whole(sum.sweeps), `${(sum.duration_s / 3600).toPrecision(3)} h`);
-  if (own && own.rate !== null) {
+  if (own && own.rate) {
     const percent = (share) => (100 * share).toFixed(1);
-    card("Steps seen", `${percent(own.rate)} %`, `${whole(sum.hits)} of ${whole(sum.hits + sum.misses)}; 95 %: ${own.rate_95.map(percent).join(" to ")} %`);
+    card("Steps seen", `${percent(own.rate[0])} %`, `${whole(sum.hits)} of ${whole(sum.hits + sum.misses)}; 95 %: ${own.rate.slice(1).map(percent).join(" to ")} %`);
   }
-  if (own && own.false_per_hour !== null) {
+  if (own && own.false_per_hour) {
     const round = (rate) => (rate >= 100 ? whole(Math.round(rate)) : rate.toPrecision(2));
-    card("False alarms an hour", round(own.false_per_hour), `${whole(sum.false_alarms)} in ${(sum.known_s / 3600).toPrecision(3)} h; 95 %: ${own.false_95.map(round).join(" to ")}`);
+    card("False alarms an hour", round(own.false_per_hour[0]), `${whole(sum.false_alarms)} in ${(sum.known_s / 3600).toPrecision(3)} h; 95 %: ${own.false_per_hour.slice(1).map(round).join(" to ")}`);
   }
   if (sum.median_lead_s !== null) card("Median lead", `${(1000 * sum.median_lead_s).toFixed(0)} ms`, "from detection to impact");
   const charts = document.getElementById("charts");

@@ -30,8 +30,8 @@ async function picture(series) {
   const [start, stop, near, far, top, , fastest] = frame;
   return {
     start, stop, near, far, top, fastest, count, columns, rows,
-    low: part(0), high: part(1), slow: part(2), fast: part(3), statistic: part(4),
-    map: new Uint8Array(bytes, offset + 6 + 10 * count, columns * rows),
+    low: part(0), high: part(1), slow: part(2), fast: part(3), statistic: part(4), event: part(5),
+    map: new Uint8Array(bytes, offset + 6 + 12 * count, columns * rows),
   };
 }
 

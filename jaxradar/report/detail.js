@@ -1,20 +1,21 @@
 // One series, large.
 const dialog = document.getElementById("detail");
 let opener = null;
+let calls = 0;
 
 async function openDetail(place) {
   if (place < 0 || place >= order.length) return;
-  const at = order[place];
+  const at = order[place], call = ++calls;
   moveTo(place);
   document.getElementById("detail-heading").textContent = `${data.path[at]}, sensor ${data.sensor[at]}`;
-  document.getElementById("before").disabled = place === 0;
-  document.getElementById("after").disabled = place === order.length - 1;
+  const ends = { before: place === 0, after: place === order.length - 1 };
+  for (const [name, end] of Object.entries(ends)) document.getElementById(name).setAttribute("aria-disabled", String(end));
   const body = document.getElementById("detail-body");
   body.replaceChildren(element("p", {}, sentence(at)));
   for (const problem of data.problems[at]) body.append(element("p", { className: "key" }, problem));
   if (!dialog.open) { opener = document.activeElement; dialog.showModal(); }
   const shown = await picture(at);
-  if (order[active] !== at) return; // another was opened meanwhile
+  if (call !== calls) return; // another was opened meanwhile, or the same again
   if (shown) {
     const key = element("p", { className: "key" });
     key.append(
@@ -34,7 +35,7 @@ async function openDetail(place) {
     draw("Statistic over time", (canvas) => drawStatistic(canvas, shown, at, width));
     draw("Amplitude over range and time", (canvas) => drawMap(canvas, shown, at, width));
   }
-  body.append(eventTable(at));
+  body.append(stepTable(at), eventTable(at));
 }
 
 function sentence(at) {
@@ -43,6 +44,11 @@ function sentence(at) {
   if (held) parts.push(`${held[0]} of ${held[0] + held[1]} steps seen, ${whole(held[2])} false alarms`);
   else parts.push("its truth is not known");
   return `${parts.join("; ")}.`;
+}
+
+function stepTable(at) {
+  const impacts = data.impacts_s[at] || [];
+  return impacts.length ? element("p", {}, `A front tyre meets a step at ${impacts.map((time) => fixed(time, 3)).join(", ")} s.`) : "";
 }
 
 function eventTable(at) {
@@ -60,7 +66,11 @@ document.getElementById("close").addEventListener("click", () => dialog.close())
 document.getElementById("before").addEventListener("click", () => openDetail(active - 1));
 document.getElementById("after").addEventListener("click", () => openDetail(active + 1));
 dialog.addEventListener("close", () => (opener || document.getElementById("table")).focus());
-dialog.addEventListener("click", (event) => { if (event.target === dialog) dialog.close(); });
+dialog.addEventListener("click", (event) => {
+  const box = dialog.getBoundingClientRect();
+  const inside = event.clientX >= box.left && event.clientX <= box.right && event.clientY >= box.top && event.clientY <= box.bottom;
+  if (event.target === dialog && !inside) dialog.close();
+});
 dialog.addEventListener("keydown", (event) => {
   if (event.key === "ArrowLeft") openDetail(active - 1);
   else if (event.key === "ArrowRight") openDetail(active + 1);

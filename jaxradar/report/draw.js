@@ -26,6 +26,14 @@ function rangeSpan(shown) {
   return [low - room, high + room];
 }
 
+// When something was detected: the times themselves, or the columns if not all times are in the page.
+function detectionTimes(shown, series) {
+  const times = data.events[series][0];
+  if (times.length === data.detections[series]) return times;
+  const step = (shown.stop - shown.start) / shown.count;
+  return Array.from(shown.event.keys()).filter((at) => shown.event[at]).map((at) => shown.start + (at + 0.5) * step);
+}
+
 // Range over time as a band of columns, and events as ticks: small, without axes.
 function drawThumbnail(canvas, shown, series) {
   const [width, height] = [150, 32];
@@ -43,7 +51,7 @@ function drawThumbnail(canvas, shown, series) {
   context.fillStyle = color("truth");
   for (const time of data.impacts_s[series] || []) context.fillRect(x(time) - 0.7, 0, 1.4, height);
   context.fillStyle = color("event");
-  for (const time of data.events[series][0]) context.fillRect(x(time) - 0.7, height - 6, 1.4, 6);
+  for (const time of detectionTimes(shown, series)) context.fillRect(x(time) - 0.7, height - 6, 1.4, 6);
 }
 
 // Ticks at round numbers, about `count` of them.
@@ -98,7 +106,7 @@ function drawMarks(context, shown, series, x, height) {
   }
   context.setLineDash([]);
   context.fillStyle = color("event");
-  for (const time of data.events[series][0]) {
+  for (const time of detectionTimes(shown, series)) {
     context.beginPath();
     context.moveTo(x(time) - 5, TOP - 5); context.lineTo(x(time) + 5, TOP - 5); context.lineTo(x(time), TOP + 4);
     context.fill();

@@ -10,10 +10,16 @@ function setTheme(dark) {
 
 function showSettings() {
   const place = document.getElementById("settings");
-  const versions = Object.entries(data.settings.versions).map(([name, version]) => `${name} ${version}`).join(", ");
-  const window_ = data.settings.window;
+  const versions = Object.entries(data.versions).map(([name, version]) => `${name} ${version}`).join(", ");
+  const window_ = data.window;
+  const { sensor, start_s, stop_s, bins } = data.selection;
+  const parts = [
+    sensor === null ? "all sensors" : `sensor ${sensor}`,
+    start_s === null && stop_s === null ? "the whole of each log" : `from ${start_s ?? "the first sweep"} to ${stop_s ?? "the last"} (s)`,
+    bins === null ? "all range bins" : `${bins} range bins`,
+  ];
   place.append(
-    element("p", {}, `A detection hits a step if it comes at most ${window_.seconds} s before the impact, or in the last ${window_.metres} m. ${versions}.`),
+    element("p", {}, `A detection hits a step if it comes at most ${window_.seconds} s before the impact, or in the last ${window_.metres} m. Looked at: ${parts.join(", ")}. ${versions}.`),
     element("pre", {}, data.detector),
   );
   if (data.failures.length) {

@@ -87,15 +87,20 @@ function showRows() {
   if (wanted === drawn) return;
   drawn = wanted;
   const gap = (height) => element("tr", { ariaHidden: "true" }, element("td", { colSpan: COLUMNS.length, style: `height:${height}px;padding:0;border:0` }));
+  if (!order.length) {
+    rows.replaceChildren(element("tr", {}, element("td", { colSpan: COLUMNS.length, className: "none" }, "No series is like that.")));
+    return;
+  }
   rows.replaceChildren(gap(first * ROW), ...order.slice(first, last).map((at, place) => row(at, first + place)), gap((order.length - last) * ROW));
 }
 
 function row(at, place) {
   const made = element("tr", { className: place === active ? "row active" : "row", id: `row-${place}` });
   made.setAttribute("aria-rowindex", place + 2);
+  made.setAttribute("aria-selected", String(place === active));
   COLUMNS.forEach(([name, value]) => {
-    const cell = element("td");
-    if (!value) cell.append(thumbnail(at));
+    const cell = name === "log" ? element("th", { scope: "row" }) : element("td");
+    if (!value) cell.append(...(data.picture[at] ? [thumbnail(at)] : []));
     else {
       const held = value(at);
       cell.textContent = typeof held === "string" ? held : name === "seconds" || name === "Hz" ? fixed(held, 1) : name === "lead ms" ? fixed(held, 0) : whole(held);
@@ -116,6 +121,7 @@ function thumbnail(at) {
 }
 
 function moveTo(place) {
+  if (!order.length) return;
   active = Math.min(order.length - 1, Math.max(0, place));
   const scroll = document.getElementById("scroll"), head = 34;
   const top = active * ROW;

@@ -101,6 +101,7 @@ class Archive:
 
     path: Path
     file: zipfile.ZipFile
+    members: dict[str, list[tuple[str, int, int]]]  # by folder: name, size and CRC-32 as the archive states them
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     @classmethod
@@ -138,7 +139,12 @@ class Archive:
 
 @lru_cache(maxsize=8)
 def _open(path: Path, real: str, size: int, changed_ns: int) -> Archive:
-    archive = Archive(path, zipfile.ZipFile(path))
+    file = zipfile.ZipFile(path)
+    members: dict[str, list[tuple[str, int, int]]] = {}
+    for one in file.infolist():
+        folder, _, name = one.filename.rpartition("/")
+        members.setdefault(folder, []).append((name, one.file_size, one.CRC))
+    archive = Archive(path, file, members)
     check_marker(path / MARKER, archive.content(MARKER))
     return archive
 
@@ -192,8 +198,7 @@ def archived_members(path: Path) -> list[tuple[str, int, int]] | None:
     if found is None:
         return None
     archive, name = found
-    held = [one for one in archive.file.infolist() if one.filename.startswith(f"{name}/")]
-    return [(one.filename.rpartition("/")[2], one.file_size, one.CRC) for one in held]
+    return archive.members.get(name, [])
 
 
 def _inside(path: Path) -> tuple[Archive, str] | None:

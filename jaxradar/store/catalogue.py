@@ -53,11 +53,11 @@ class SensorEntry:
 class Entry:
     """One source, and the drive that was made of it.
 
-    - `source`: its absolute path. `name`: of the drive in the store; None if it could not be read.
+    - `source`: its absolute path. `name`: of the drive in the store; None if it could never be read.
     - `stamp`: size and time of change of each of its files, as JSON. `hash`: SHA-256 over their names and contents.
       `bytes`: their size.
     - `sensors`, `problems`: what the reader found. `steps`: how many of them the truth knows; None without truth.
-    - `error`: why it could not be read.
+    - `error`: why it could not be read as it is now; a drive made of an earlier state of it stays.
     """
 
     source: str
@@ -136,6 +136,11 @@ class Catalogue:
                 self._base.execute("ROLLBACK")
                 raise
             self._base.execute("COMMIT")
+
+    def drop(self, source: str) -> None:
+        """Forget a source."""
+        with self._said():
+            self._base.execute("DELETE FROM drives WHERE source = ?", (source,))
 
     def entries(self) -> Iterator[Entry]:
         """All of them, in order of their names, those that could not be read last."""

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from jaxradar.estimate.intervals import CONFIDENCE
 from jaxradar.pareto import Candidate, Case, Data, Estimate, Program, Score, Task
-from jaxradar.pareto.intervals import CONFIDENCE
 from jaxradar.sim import RoadScene, drive_seeds, load_scene, simulate_batch
 
 __all__ = ["ScattererSpacing"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -12,11 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Shaped, UInt
 
-from jaxradar._errors import ConfigError
 from jaxradar._machine import cores
 from jaxradar._numerics import compiled
-from jaxradar._toml import nearest
-from jaxradar.systems.step.blocks import check_shapes
+from jaxradar.systems.step.blocks import check_fields, check_shapes
 from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
 from jaxradar.systems.step.pipeline import precision, run_batch
 
@@ -44,10 +41,7 @@ def detect_batch(
 
     Raises `ConfigError` for an unknown field, `ValueError` for shapes that do not fit each other.
     """
-    known = [field.name for field in dataclasses.fields(Decision)]
-    for name in fields:
-        if name not in known:
-            raise ConfigError(f"unknown field `{name}`{nearest(name, known)}; expected {', '.join(known)}.")
+    check_fields(fields)
     inputs = (sweeps, flags, dt, lengths)
     check_shapes(axis, *inputs)
     double = detector.float64 or jax.config.jax_enable_x64  # type: ignore[attr-defined]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -11,6 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jaxradar._errors import ConfigError
+from jaxradar._toml import nearest
 from jaxradar.drive import SweepFlag
 from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
 
@@ -21,9 +24,17 @@ BLOCK_BY_TIME = 4096
 # the compiler copies a block of long sweeps before it reads it.
 WHOLE_FROM_BINS = 400
 
-__all__ = ["advance", "check_shapes", "in_blocks", "initial"]
+__all__ = ["advance", "check_fields", "check_shapes", "in_blocks", "initial"]
 
 Block = Callable[..., tuple[Any, Any]]
+
+
+def check_fields(fields: Iterable[str]) -> None:
+    """Raises `ConfigError` for a name that no `Decision` has."""
+    known = [field.name for field in dataclasses.fields(Decision)]
+    for name in fields:
+        if name not in known:
+            raise ConfigError(f"unknown field `{name}`{nearest(name, known)}; expected {', '.join(known)}.")
 
 
 def check_shapes(axis: RangeAxis, sweeps: Any, flags: Any, dt: Any, lengths: Any) -> None:

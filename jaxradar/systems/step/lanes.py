@@ -19,13 +19,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxradar._errors import ConfigError
 from jaxradar._machine import cores
 from jaxradar._numerics import compiled
-from jaxradar._toml import nearest
 from jaxradar.drive import SensorSeries
 from jaxradar.drivefile.layout import is_mapped
-from jaxradar.systems.step.blocks import advance, initial
+from jaxradar.systems.step.blocks import advance, check_fields, initial
 from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
 from jaxradar.systems.step.pipeline import precision, time_steps
 
@@ -37,6 +35,7 @@ LANES_BY_TIME, CHUNK_SWEEPS_BY_TIME = 64, 65536
 LANES_BY_LOGS, CHUNK_SWEEPS_BY_LOGS = 16, 32768
 LANES_ON_ACCELERATOR, CHUNK_SWEEPS_ON_ACCELERATOR = 1024, 65536
 MOST_CHUNK_BYTES = 32 << 20
+FEWER_LANES = 8  # where so many stay empty, there are fewer by this factor
 LOOK_AHEAD = 512  # series that wait, among which those of one range axis are picked
 LOOK_AHEAD_BYTES = 128 << 20  # of those that lie in memory
 ALIGNMENT = 64  # bytes: what the program reads where it lies
@@ -59,10 +58,7 @@ def detect_series(
 
     Raises `ConfigError` for an unknown field, and what reading `series` raises, once all that was read is given out.
     """
-    known = [field.name for field in dataclasses.fields(Decision)]
-    for name in fields:
-        if name not in known:
-            raise ConfigError(f"unknown field `{name}`{nearest(name, known)}; expected {', '.join(known)}.")
+    check_fields(fields)
     feed = _Feed(series)
     done: queue.Queue[Any] = queue.Queue(maxsize=LOOK_AHEAD)
     workers = [_Lanes(detector, tuple(fields), device, feed, done) for device in _devices(detector)]
@@ -104,12 +100,12 @@ class _Feed:
         self._waiting: dict[Any, list[tuple[int, SensorSeries]]] = {}
         self._count = self._bytes = 0
         self._lock = threading.Lock()
-        self._ended = False
+        self._ended = self.stopped = False
         self.error: BaseException | None = None
 
     def stop(self) -> None:
-        """Nobody gets any more."""
-        self._ended = True
+        """Nobody gets any more, and what is under way is left."""
+        self._ended = self.stopped = True
         with self._lock:
             self._waiting.clear()
 
@@ -128,6 +124,11 @@ class _Feed:
             self._count -= 1
             self._bytes -= _bytes_in_memory(series)
             return axis, place, series
+
+    def waiting(self, axis: Any) -> int:
+        """How many with this axis are known to come."""
+        with self._lock:
+            return len(self._waiting.get(axis, ()))
 
     def _look_ahead(self) -> None:
         while not self._ended and self._count < LOOK_AHEAD and self._bytes < LOOK_AHEAD_BYTES:
@@ -209,7 +210,8 @@ class _Lanes:
         """All series of one range axis, until none of it waits any more."""
         key, _, series = first
         axis = RangeAxis.of(series.range_m)
-        lanes, sweeps = _chunk_shape(self.detector, axis.bins * series.sweeps.dtype.itemsize, self.device.platform)
+        row_bytes = axis.bins * series.sweeps.dtype.itemsize
+        lanes, sweeps = _chunk_shape(self.detector, row_bytes, self.device.platform, 1 + self.feed.waiting(key))
         chunks = [_Chunk(lanes, sweeps, axis.bins, series.sweeps.dtype) for _ in range(2)]
         state = _start(self.detector, axis, lanes)
         held: list[_Lane | None] = [None] * lanes
@@ -232,7 +234,7 @@ class _Lanes:
                     state, found = _advance(self.fields, self.detector, axis, state, *inputs)
             if running is not None:
                 self._collect(*running)
-            if not chunk.shares:
+            if not chunk.shares or self.feed.stopped:
                 return
             running = (chunk, found)
             turn += 1
@@ -280,14 +282,17 @@ _FLAGS = ("valid", "saturated", "event")
 _first_call = threading.Lock()
 
 
-def _chunk_shape(detector: StepDetector[Any, Any], sweep_bytes: int, platform: str) -> tuple[int, int]:
-    """Lanes, and sweeps of each."""
+def _chunk_shape(detector: StepDetector[Any, Any], sweep_bytes: int, platform: str, waiting: int) -> tuple[int, int]:
+    """Lanes, and sweeps of each, for so many series; of few shapes, each of which is compiled."""
     lanes, sweeps = LANES_BY_LOGS, CHUNK_SWEEPS_BY_LOGS
     if platform != "cpu":
         lanes, sweeps = LANES_ON_ACCELERATOR, CHUNK_SWEEPS_ON_ACCELERATOR
     elif detector.sequential:
         lanes, sweeps = LANES_BY_TIME, CHUNK_SWEEPS_BY_TIME
-    return lanes, max(16, min(sweeps, MOST_CHUNK_BYTES // sweep_bytes) // lanes)
+    each = max(16, min(sweeps, MOST_CHUNK_BYTES // sweep_bytes) // lanes)
+    while lanes >= 2 * FEWER_LANES * waiting:
+        lanes //= FEWER_LANES
+    return lanes, each
 
 
 def _start(detector: StepDetector[Any, Any], axis: RangeAxis, lanes: int) -> Any:

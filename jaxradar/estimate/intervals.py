@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import betaincinv, gammaincinv, ndtri
 
 __all__ = ["Estimate", "mean", "percentile", "proportion", "rate", "rms"]
 
 CONFIDENCE = 0.95
-_SIGMAS = float(stats.norm.ppf(0.5 + 0.5 * CONFIDENCE))
+_SIGMAS = float(ndtri(0.5 + 0.5 * CONFIDENCE))
 
 
 @dataclass(frozen=True)
@@ -52,16 +52,16 @@ def proportion(count: int, total: int) -> Estimate:
     if not 0 <= count <= total or total < 1:
         raise ValueError(f"`proportion` takes a count of 0 to `total` trials; got {count} of {total}.")
     tail = 0.5 * (1.0 - CONFIDENCE)
-    low = float(stats.beta.ppf(tail, count, total - count + 1)) if count else 0.0
-    high = float(stats.beta.ppf(1.0 - tail, count + 1, total - count)) if count < total else 1.0
+    low = float(betaincinv(count, total - count + 1, tail)) if count else 0.0
+    high = float(betaincinv(count + 1, total - count, 1.0 - tail)) if count < total else 1.0
     return Estimate(count / total, low, high)
 
 
 def rate(count: int, time: float) -> Estimate:
     """Events that come independently, per unit of `time`, with Garwood's interval (Biometrika 28, 1936)."""
     tail = 0.5 * (1.0 - CONFIDENCE)
-    low = 0.5 * float(stats.chi2.ppf(tail, 2 * count)) if count else 0.0
-    high = 0.5 * float(stats.chi2.ppf(1.0 - tail, 2 * count + 2))
+    low = float(gammaincinv(count, tail)) if count else 0.0
+    high = float(gammaincinv(count + 1, 1.0 - tail))
     return Estimate(count / time, low / time, high / time)
 
 
@@ -70,6 +70,8 @@ def percentile(values: np.ndarray, percent: float) -> Estimate:
     Order Statistics, section 7.1), or has no end where no rank is far enough."""
     ordered = np.sort(values)
     tail = 0.5 * (1.0 - CONFIDENCE)
+    from scipy import stats  # takes long to import
+
     ranks = stats.binom.ppf((tail, 1.0 - tail), len(ordered), percent / 100.0)
     low = float(ordered[int(ranks[0]) - 1]) if ranks[0] >= 1 else -math.inf
     high = float(ordered[int(ranks[1])]) if ranks[1] < len(ordered) else math.inf
