@@ -140,7 +140,7 @@ def cluster_of(given: str | Cluster | Here | None) -> Iterator[Cluster | Here]:
     if kind != "local":
         try:
             client = Client(given, timeout=CONNECT_SECONDS)
-        except (OSError, TimeoutError, ValueError) as error:
+        except (OSError, TimeoutError, TypeError, ValueError) as error:  # a `TypeError` for missing certificates
             raise ConfigError(f"no scheduler answers at {given} ({error}).") from None
         with client:
             client.register_plugin(Ready())

@@ -28,7 +28,7 @@ from jaxradar._errors import LogError
 from jaxradar._machine import cores
 from jaxradar.drivefile import is_drive_folder, write_drive
 from jaxradar.logs import find_logs, read_log, source_files
-from jaxradar.store import CATALOGUE, DRIVES, MARKER, Catalogue, Entry, archived_members, entry_of, make_store
+from jaxradar.store import CATALOGUE, DRIVES, Catalogue, Entry, alone, archived_members, entry_of, make_store
 
 __all__ = ["Imported", "import_each", "import_logs"]
 
@@ -52,6 +52,7 @@ class Imported:
 
 @dataclass(frozen=True)
 class _Task:
+    log: str  # as it was found; a link's own name, and what lies beside it, are a log's
     source: str
     name: str
     stamp: str
@@ -90,7 +91,7 @@ def import_each(
     nothing of it is lost; nobody else can import until this is closed or at its end."""
     place = Path(store)
     make_store(place)
-    with _alone(place), Catalogue(place / CATALOGUE, write=True) as catalogue:
+    with alone(place), Catalogue(place / CATALOGUE, write=True) as catalogue:
         known = {entry.source: entry for entry in catalogue.entries()}
         fresh: list[Entry] = []
         saved = monotonic()
@@ -122,22 +123,6 @@ def _moved(store: Path, catalogue: Catalogue) -> Iterator[Imported]:
         yield Imported("moved", entry)
 
 
-@contextlib.contextmanager
-def _alone(store: Path) -> Iterator[None]:
-    """Nobody else imports meanwhile; the lock is gone with the process, however that ends."""
-    try:
-        import fcntl
-    except ImportError:  # Windows, where two at once are the user's own affair
-        yield
-        return
-    with (store / MARKER).open("rb") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise LogError(store, "is being written by another import; wait for it to end.") from error
-        yield
-
-
 def _tasks(store: Path, logs: Iterable[str | PathLike[str]], known: dict[str, Entry]) -> Iterator[_Task | Imported]:
     """What is to be read, and what need not be."""
     taken = {entry.name for entry in known.values() if entry.name}
@@ -150,6 +135,12 @@ def _tasks(store: Path, logs: Iterable[str | PathLike[str]], known: dict[str, En
             if source.startswith(inside) or source in met:
                 continue
             met.add(source)
+            try:
+                source.encode()
+            except UnicodeEncodeError:  # which the catalogue cannot hold
+                error = f"{source!r}: the name is no UTF-8; rename it to import it."
+                yield Imported("failed", Entry(source, None, _NO_FILES, "", 0, error=error))
+                continue
             held = known.get(source)
             stamp = _stamp(log)
             if held is not None and held.stamp == stamp:
@@ -161,7 +152,7 @@ def _tasks(store: Path, logs: Iterable[str | PathLike[str]], known: dict[str, En
                     continue
             name = (held.name if held else None) or _free_name(_name(log, root), taken)
             taken.add(name)
-            yield _Task(source, name, stamp, held)
+            yield _Task(os.path.abspath(log), source, name, stamp, held)  # noqa: PTH100
 
 
 def _root(given: str) -> Path:
@@ -206,19 +197,22 @@ def _work(store: Path, tasks: Iterator[_Task | Imported], workers: int) -> Itera
     """In processes, a few tasks ahead of what is fetched."""
     waiting: dict[Future[Imported], _Task] = {}
     alone: list[_Task] = []  # that were on their way when a process died: one of them is to blame
-    pool = _pool(workers)
+    pool, more = _pool(workers), True
     try:
-        while True:
-            while len(waiting) < 4 * workers and (one := next(tasks, None)) is not None:
-                if isinstance(one, Imported):
+        while more or waiting:
+            broken: list[_Task] = []
+            while more and not broken and len(waiting) < 4 * workers:
+                one = next(tasks, None)
+                if one is None:
+                    more = False
+                elif isinstance(one, Imported):
                     yield one
                 else:
-                    waiting[pool.submit(_import_one, store, one)] = one
-            if not waiting:
-                break
-            done, _ = wait(waiting, return_when=FIRST_COMPLETED)
-            broken = []
-            for future in done:
+                    try:
+                        waiting[pool.submit(_import_one, store, one)] = one
+                    except BrokenProcessPool:
+                        broken.append(one)
+            for future in wait(waiting, return_when=FIRST_COMPLETED).done if waiting and not broken else ():
                 task = waiting.pop(future)
                 try:
                     yield future.result()
@@ -236,7 +230,8 @@ def _work(store: Path, tasks: Iterator[_Task | Imported], workers: int) -> Itera
             try:
                 yield single.submit(_import_one, store, task).result()
             except BrokenProcessPool:
-                yield _failed(task, "", 0, "its reader died, of too little memory or of damage in the file.")
+                died = f"{task.log}: its reader died, of too little memory or of damage in the file."
+                yield _failed(replace(task, stamp=_NO_FILES), "", 0, died)
 
 
 def _pool(workers: int) -> ProcessPoolExecutor:
@@ -259,7 +254,7 @@ def _ready() -> None:
 
 def _import_one(store: Path, task: _Task) -> Imported:
     """In a process of its own."""
-    log = Path(task.source)
+    log = Path(task.log)
     digest, size = "", 0
     target = store / DRIVES / f"{task.name}.drive"
     try:
@@ -271,14 +266,18 @@ def _import_one(store: Path, task: _Task) -> Imported:
         write_drive(drive, target, overwrite=True, durable=False)
         entry = entry_of(drive, source=task.source, name=task.name, stamp=task.stamp, hash=digest, bytes=size)
         return Imported("imported", entry)
-    except (LogError, OSError) as error:
-        return _failed(task, digest, size, str(error))
+    except LogError as error:
+        # A disk that is full today, or a file that is locked, is no fault of the log's.
+        passing = isinstance(error.__cause__, OSError) or error.path.startswith(str(store))
+        return _failed(replace(task, stamp=_NO_FILES) if passing else task, digest, size, str(error))
     except MemoryError:
-        return _failed(task, digest, size, f"{log}: is too large for the memory at hand.")
+        return _failed(replace(task, stamp=_NO_FILES), digest, size, f"{log}: is too large for the memory at hand.")
+    except Exception as error:
+        return _failed(replace(task, stamp=_NO_FILES), digest, size, f"{log}: cannot be imported ({error!r:.200}).")
 
 
 def _failed(task: _Task, digest: str, size: int, error: str) -> Imported:
-    """What was made of an earlier state of the source stays."""
+    """What was made of an earlier state of the source stays; a task without a stamp is tried again the next time."""
     if task.known is not None and task.known.name is not None:
         return Imported("failed", replace(task.known, stamp=task.stamp, error=error))
     return Imported("failed", Entry(task.source, None, task.stamp, digest, size, error=error))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -316,3 +317,38 @@ def test_the_path_is_the_one_that_was_given(
 ) -> None:
     monkeypatch.chdir(log.parent)
     assert [line["path"] for line in run(capsys, given)[1]] == [given]
+
+
+def test_no_output_takes_the_place_of_what_was_recorded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, store = tmp_path / "log", tmp_path / "store"
+    write_log(jumps(50), log)
+    assert main(["import", str(log), "-o", str(store), "--quiet"]) == 0
+    assert main(["import", str(store), "-o", str(tmp_path / "a.zip"), "--quiet"]) == 0
+    capsys.readouterr()
+    os.mkfifo(tmp_path / "pipe")
+    for source, target in (
+        (log, next(log.glob("*.csv"))),
+        (log, log / "truth.json"),
+        (store, store / "catalogue.sqlite"),
+        (tmp_path / "a.zip", tmp_path / "a.zip"),
+        (log, tmp_path / "store" / "report.html"),
+    ):
+        before = target.read_bytes() if target.exists() else None
+        for option in ("--report", "--json"):
+            assert main(["evaluate", str(source), option, str(target), "--detector", "thesis"]) == 2
+            assert len(capsys.readouterr().err.splitlines()) == 1
+            assert (target.read_bytes() if target.exists() else None) == before
+    assert main(["evaluate", str(log), "--report", str(tmp_path / "pipe"), "--detector", "thesis"]) == 2
+    both = str(tmp_path / "both")
+    assert main(["evaluate", str(log), "--report", both, "--json", both, "--detector", "thesis"]) == 2
+    assert not Path(both).exists()
+
+
+def test_a_report_of_logs_named_in_two_ways(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("a", "b"):
+        write_log(jumps(50), tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    page = tmp_path / "r.html"
+    assert main(["evaluate", str(tmp_path / "a"), "b", "empty", "--report", "r.html", "--detector", "thesis"]) == 1
+    assert "is a folder without logs" in page.read_text()

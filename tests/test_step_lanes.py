@@ -108,6 +108,26 @@ def test_mixed_axes_and_dtypes_do_not_meet(monkeypatch: pytest.MonkeyPatch) -> N
         assert_as_alone(ThesisDetector(), series, found[place])
 
 
+def test_a_rare_axis_waits_no_longer_than_it_may(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lanes, "LOOK_AHEAD", 4)
+    monkeypatch.setattr(lanes, "LONGEST_WAIT", 8)
+    monkeypatch.setattr(lanes, "LANES_BY_LOGS", 2)
+    monkeypatch.setattr(lanes, "MOST_RESULTS", 1)
+    read: list[int] = []
+
+    def series() -> Iterator[SensorSeries]:
+        for seed in range(200):
+            read.append(seed)
+            yield make(30, seed, 40 if seed == 5 else BINS)
+
+    for place, _ in detect_series(ThesisDetector(), series(), FIELDS):
+        if place == 5:
+            assert len(read) < 60
+            break
+    else:
+        raise AssertionError("the rare one never came")
+
+
 def test_what_goes_along_changes_nothing() -> None:
     one = make(300, 1)
     (alone,) = (found for _, found in detect_series(DETECTORS["default"], [one], FIELDS))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -34,6 +35,7 @@ from jaxradar.store import (
     open_store,
     pack,
 )
+from jaxradar.store.marker import marker_content
 
 ROWS = [[0.01 * row, *(100 * row + column for column in range(6))] for row in range(20)]
 
@@ -207,15 +209,85 @@ def test_a_reader_that_dies_is_one_log_that_failed(logs: Path, tmp_path: Path, m
     )
     said = dict(line.split(" ", 1) for line in ran.stdout.splitlines())
     assert said["log0"] == said["log1"] == "imported None"
-    assert said["log2"].startswith("failed its reader died")
+    assert said["log2"].startswith("failed ")
+    assert "log2: its reader died" in said["log2"]
     assert said["log3"].startswith("failed ")
+
+
+def test_what_is_no_fault_of_the_log_is_tried_again(
+    logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store, locked = tmp_path / "store", logs / "day0" / "log0" / "3.csv"
+    if os.geteuid() == 0:  # who may read everything
+        (store / DRIVES / "logs" / "day0").mkdir(parents=True)
+        (store / DRIVES / "logs" / "day0" / "log0.drive").write_text("something else stands here")
+        (store / "store.json").write_bytes(marker_content())
+    else:
+        locked.chmod(0)
+    assert done(logs, store)["log0"] == "failed"
+    if os.geteuid() == 0:
+        (store / DRIVES / "logs" / "day0" / "log0.drive").unlink()
+    else:
+        locked.chmod(0o600)
+    assert done(logs, store) == {"log0": "imported", "log1": "unchanged", "log2": "unchanged", "log3": "failed before"}
+
+
+def test_a_link_is_read_under_its_own_name(tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "blob").write_text(text(0))
+    (tmp_path / "logs" / "3.csv").symlink_to(tmp_path / "blob")
+    truth = tmp_path / "logs" / "3.truth.json"
+    truth.write_text(json.dumps({"steps": [{"impact_s": 0.1}]}))
+    store = tmp_path / "store"
+    done([tmp_path / "logs" / "3.csv"], store)
+    (entry,) = open_store(store).drives
+    assert (entry.steps, entry.sensors[0].sensor) == (1, 3)
+    truth.write_text(json.dumps({"steps": []}))
+    assert list(done([tmp_path / "logs" / "3.csv"], store).values()) == ["imported"]
+    assert open_store(store).drives[0].steps == 0
+
+
+def test_a_name_that_is_no_text_stops_nothing(logs: Path, tmp_path: Path) -> None:
+    strange = Path(os.fsdecode(os.fsencode(logs) + b"/day0/x\xff"))
+    shutil.copytree(logs / "day0" / "log0", strange)
+    outcomes = list(import_each(logs, tmp_path / "store", workers=1))
+    assert sorted(one.done for one in outcomes) == ["failed", "failed", "imported", "imported", "imported"]
+    assert any("no UTF-8" in str(one.entry.error) for one in outcomes)
+    assert len(open_store(tmp_path / "store").drives) == 3
+
+
+def test_a_worker_killed_while_nobody_asks_stops_nothing(logs: Path, tmp_path: Path) -> None:
+    for number in range(30):
+        shutil.copytree(logs / "day0" / "log0", logs / f"more{number}")
+    outcomes = []
+    for one in import_each(logs, tmp_path / "store", workers=2):
+        outcomes.append(one.done)
+        if len(outcomes) == 2:
+            for child in multiprocessing_children():
+                os.kill(child, signal.SIGKILL)
+            time.sleep(0.5)
+    assert sorted(outcomes) == ["failed", *["imported"] * 33]
+
+
+def multiprocessing_children() -> list[int]:
+    """The workers, which are children of the fork server."""
+    found = []
+    for status in Path("/proc").glob("[0-9]*/status"):
+        with contextlib.suppress(OSError):
+            fields = dict(line.split(":", 1) for line in status.read_text().splitlines() if ":" in line)
+            parent = Path("/proc", fields["PPid"].strip())
+            command = (parent / "cmdline").read_bytes()
+            mine = f"PPid:\t{os.getpid()}\n" in (parent / "status").read_text()
+            if mine and b"forkserver" in command:
+                found.append(int(status.parent.name))
+    return found
 
 
 def test_two_imports_at_once_are_told(logs: Path, tmp_path: Path) -> None:
     store = tmp_path / "store"
     first = import_each([logs], store, workers=1)
     next(first)
-    with pytest.raises(LogError, match="is being written by another import"):
+    with pytest.raises(LogError, match="is being written or packed by another import"):
         done(logs, store)
     first.close()
     assert len(done(logs, store)) == 4
@@ -260,6 +332,19 @@ def test_an_archive_is_made_from_logs_and_unpacked(logs: Path, tmp_path: Path, c
     strip = lambda lines: [{**line, "path": ""} for line in lines]  # noqa: E731
     assert len(one) == 3
     assert strip(one) == strip(other)
+
+
+def test_an_archive_of_files_dated_before_zip_and_during_an_import(logs: Path, tmp_path: Path) -> None:
+    store = tmp_path / "store"
+    done(logs, store)
+    os.utime(store / "store.json", (0, 0))
+    pack(store, tmp_path / "a.zip")
+    assert len(open_store(tmp_path / "a.zip").drives) == 3
+    under_way = import_each(logs, store, workers=1)
+    next(under_way)
+    with pytest.raises(LogError, match="written or packed"):
+        pack(store, tmp_path / "b.zip")
+    under_way.close()
 
 
 def test_an_archive_is_not_replaced_unasked(logs: Path, tmp_path: Path, capsys: Any) -> None:

@@ -23,6 +23,7 @@ __all__ = [
     "progress",
     "ready_folder",
     "shown",
+    "spare_logs",
 ]
 
 
@@ -75,6 +76,22 @@ class Lines:
             raise LogError(self._path, f"cannot be written: {error.strerror or error}.") from error
 
 
+def spare_logs(option: str, target: str, logs: Sequence[str]) -> None:
+    """Raises `ConfigError` if a file to be written is a log, a part of one, its truth, or a part of a store."""
+    from jaxradar.store import MARKER
+
+    real = Path(os.path.realpath(target))
+    for log in logs:
+        held = Path(os.path.realpath(log))
+        if real in (held, held.with_name(f"{held.stem}.truth.json"), *held.parents) or held in real.parents:
+            raise ConfigError(
+                f"{option} {shown(target)} would overwrite the log {shown(log)}, a part of it or its truth."
+            )
+    for folder in real.parents:
+        if (folder / MARKER).is_file():
+            raise ConfigError(f"{option} {shown(target)} lies in the store {shown(folder)}; give another place.")
+
+
 @contextmanager
 def json_lines(target: str | None, logs: Sequence[str]) -> Iterator[Lines]:
     """Lines into a file, on standard output for `-`, nowhere for None.
@@ -84,13 +101,7 @@ def json_lines(target: str | None, logs: Sequence[str]) -> Iterator[Lines]:
     if target is None or target == "-":
         yield Lines(sys.stdout if target else None)
         return
-    real = Path(os.path.realpath(target))
-    for log in logs:
-        held = Path(os.path.realpath(log))
-        if real in (held, held.with_name(f"{held.stem}.truth.json")) or held in real.parents:
-            raise ConfigError(
-                f"--json {shown(target)} would overwrite the log {shown(log)}, a part of it or its truth."
-            )
+    spare_logs("--json", target, logs)
     path = Path(target)
     try:
         file = path.open("w", encoding="utf-8")

@@ -6,12 +6,13 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxradar._errors import ConfigError
 from jaxradar.cli._options import add_command, add_selection, check_part, number
-from jaxradar.cli._output import Stream, json_lines, print_table, progress, ready_folder, shown
+from jaxradar.cli._output import Stream, json_lines, print_table, progress, ready_folder, shown, spare_logs
 
 if TYPE_CHECKING:
     from jaxradar.evaluation import Evaluation, SeriesResult
@@ -75,6 +76,8 @@ def _run(args: argparse.Namespace) -> int:
     check_part(args.start, args.stop)
     if args.cluster is not None and args.figures is not None:
         raise ConfigError("--figures draws on this machine; leave out --cluster.")
+    if args.report is not None and args.json not in (None, "-") and _same(args.report, args.json):
+        raise ConfigError("--report and --json would be one file; give each its own.")
     from jaxradar.cli._detect import figure_files
     from jaxradar.cli._logs import all_logs
     from jaxradar.evaluation import Evaluation, Failure, Selection, Settings, evaluate_parts, failure_record, record_of
@@ -111,7 +114,7 @@ def _run(args: argparse.Namespace) -> int:
                     fail(one)
                     continue
                 if args.report is not None:
-                    kept.append(one)
+                    kept.append(replace(one, drawn=None))  # drawn already
                 if figures is not None:
                     figure_files(one, figures, settings.detector.name, names)
                 lines.write(record_of(one))
@@ -126,13 +129,18 @@ def _run(args: argparse.Namespace) -> int:
     return 2 if not rows.count and all(one.wrong_option for one in failures) else 1
 
 
+def _same(one: str, other: str) -> bool:
+    return os.path.realpath(one) == os.path.realpath(other)
+
+
 def _check_report(target: str, logs: Sequence[str]) -> None:
     """Before the work is done, not after it."""
-    if os.path.realpath(target) in {os.path.realpath(log) for log in logs}:
-        raise ConfigError(f"--report {shown(target)} would overwrite a log.")
+    spare_logs("--report", target, logs)
     path = Path(target)
     try:
         there = path.exists()
+        if there and not path.is_file():
+            raise ConfigError(f"--report {shown(target)} is no file; expected the name of a page, such as report.html.")
         with path.open("a", encoding="utf-8"):
             pass
         if not there:  # what fails later leaves no empty page

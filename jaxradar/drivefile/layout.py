@@ -97,6 +97,8 @@ def columns_of(header: Mapping[str, Any]) -> dict[int | str, Column]:
     # They become file names.
     if not all(type(number) is int for number in numbers) or not set(header["motion"]) <= set(MOTION_NAMES):
         raise ValueError(f"sensors {numbers}, motion {header['motion']}")
+    if not all(type(item["bins"]) is int and item["bins"] > 0 for item in header["sensors"]):
+        raise ValueError(f"bins {[item['bins'] for item in header['sensors']]}")
     sensors = {
         item["sensor"]: _sensor_column(item["sensor"], item["dtype"], item["bins"]) for item in header["sensors"]
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable
 
+from jaxradar._errors import LogError
 from jaxradar.cluster import Cluster, Here, cluster_of
 from jaxradar.estimate.intervals import Estimate, proportion, rate
 from jaxradar.evaluation.records import Failure, SeriesResult
@@ -49,7 +50,8 @@ def operating_curve(
     """The detector at `factors` of its own threshold, over those logs of an evaluation whose truth is known.
 
     Each threshold is a run over the logs, on the workers of `cluster` if one is given, and compiles nothing anew; the
-    detector's own (a factor of 1) is what the evaluation found. A factor that the bounds of the setting do not allow
+    detector's own (a factor of 1) is what the evaluation found. Raises `LogError` for a log that cannot be read any
+    more. A factor that the bounds of the setting do not allow
     counts as the nearest that they do, once. `most_logs`: evenly many of them if there are more. `advance` hears how
     many of these are done, in parts that add up to all once.
     """
@@ -76,5 +78,10 @@ def operating_curve(
 
 
 def _point(threshold: float, results: Iterable[SeriesResult | Failure], chosen: bool) -> OperatingPoint:
-    scores = [(one.score, one.duration_s) for one in results if isinstance(one, SeriesResult) and one.score is not None]
+    scores = []
+    for one in results:
+        if isinstance(one, Failure):  # the points would not be of the same logs
+            raise LogError(one.path, f"could be evaluated before, and now: {one.error}")
+        if one.score is not None:
+            scores.append((one.score, one.duration_s))
     return OperatingPoint(threshold, summarise(scores), chosen)

@@ -125,7 +125,8 @@ def _result(reading: _Reading, found: dict[str, Any], settings: Settings) -> Ser
 def evaluate_each(paths: Iterable[str], settings: Settings) -> Iterator[SeriesResult | Failure]:
     """What a detector finds in each sensor of each log, and which logs could not be read, in the order of the logs.
 
-    `paths`: as `read_log` takes them. What is held in memory grows neither with their number nor with their length.
+    `paths`: as `read_log` takes them. What is held in memory does not grow with their number, and with their length by
+    a few numbers a sweep of those that are under way.
     """
     logs = _Logs(paths, settings)
     fields: tuple[str, ...] = _FIELDS

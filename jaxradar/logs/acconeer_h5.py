@@ -180,7 +180,8 @@ class _Recording:
 
     def _json(self, name: str) -> Any:
         try:
-            return json.loads(self._text(name))
+            # A setting that is no number is none; JSON knows neither NaN nor infinity.
+            return json.loads(self._text(name), parse_constant=lambda constant: None)
         except (ValueError, RecursionError) as error:
             raise self._refuse(name, f"is no JSON: {error}.") from error
 

@@ -14,7 +14,7 @@ can be read alone; `header.json` and the catalogue stand as they are, deflated.
 from jaxradar.store.archive import archived_members, is_archive, pack, read_archived
 from jaxradar.store.catalogue import Catalogue, Entry, SensorEntry, entry_of
 from jaxradar.store.folder import Store, is_store, make_store, open_store
-from jaxradar.store.marker import CATALOGUE, DRIVES, MARKER
+from jaxradar.store.marker import CATALOGUE, DRIVES, MARKER, alone
 
 __all__ = [
     "CATALOGUE",
@@ -24,6 +24,7 @@ __all__ = [
     "Entry",
     "SensorEntry",
     "Store",
+    "alone",
     "archived_members",
     "entry_of",
     "is_archive",

@@ -24,7 +24,7 @@ from jaxradar.drivefile import HEADER, staged
 from jaxradar.drivefile.layout import parse_header
 from jaxradar.drivefile.reader import assemble_drive
 from jaxradar.store.catalogue import Catalogue, Entry
-from jaxradar.store.marker import CATALOGUE, DRIVES, MARKER, check_marker
+from jaxradar.store.marker import CATALOGUE, DRIVES, MARKER, alone, check_marker
 
 __all__ = ["Archive", "archived_members", "is_archive", "pack", "read_archived"]
 
@@ -64,14 +64,18 @@ def pack(
     written, or if the store is damaged; what was there before is then left as it was.
     """
     with (
+        alone(store),
         Catalogue(store / CATALOGUE) as catalogue,
         staged(archive, overwrite=overwrite, replaceable=is_archive) as fresh,
-        zipfile.ZipFile(fresh, "w", allowZip64=True) as target,
+        # A recorder without a clock dates its files to 1970, which ZIP does not know.
+        zipfile.ZipFile(fresh, "w", allowZip64=True, strict_timestamps=False) as target,
     ):
         target.write(store / MARKER, MARKER)
-        target.write(store / CATALOGUE, CATALOGUE, zipfile.ZIP_DEFLATED)
+        with tempfile.TemporaryDirectory() as folder:
+            catalogue.copy(Path(folder) / CATALOGUE)
+            target.write(Path(folder) / CATALOGUE, CATALOGUE, zipfile.ZIP_DEFLATED)
         codec = pa.Codec("zstd", LEVEL)
-        for entry in catalogue.entries():
+        for entry in list(catalogue.entries()):
             if entry.name is None:
                 continue
             name = f"{DRIVES}/{entry.name}.drive"

@@ -106,15 +106,24 @@ class Catalogue:
         with self._said():
             if not write and not path.is_file():
                 raise LogError(path, "is missing; `jaxradar import` makes it.")
-            uri = f"file:{quote(str(path))}?mode={'rwc' if write else 'ro'}"
-            self._base = sqlite3.connect(uri, uri=True, timeout=10.0, isolation_level=None)
             try:
-                self._open(write)
-            except BaseException:
-                self._base.close()
-                raise
+                self._open("rwc" if write else "ro")
+            except sqlite3.OperationalError as error:
+                # A kill in the middle of a write leaves a journal, which must be rolled back before anything is read.
+                if write or not error.sqlite_errorname.startswith("SQLITE_READONLY"):
+                    raise
+                self._open("rw")
 
-    def _open(self, write: bool) -> None:
+    def _open(self, mode: str) -> None:
+        uri = f"file:{quote(str(self.path))}?mode={mode}"
+        self._base = sqlite3.connect(uri, uri=True, timeout=10.0, isolation_level=None)
+        try:
+            self._check(mode == "rwc")
+        except BaseException:
+            self._base.close()
+            raise
+
+    def _check(self, write: bool) -> None:
         version = self._base.execute("PRAGMA user_version").fetchone()[0]
         if version not in ((0, VERSION) if write else (VERSION,)):
             raise LogError(self.path, f"has version {version}; this program reads version {VERSION}.")
@@ -149,6 +158,11 @@ class Catalogue:
             for row in self._base.execute(query):
                 yield self._entry(dict(zip(_COLUMNS, row, strict=True)))
 
+    def copy(self, path: Path) -> None:
+        """The same in another file."""
+        with self._said(), contextlib.closing(sqlite3.connect(path)) as target:
+            self._base.backup(target)
+
     def close(self) -> None:
         self._base.close()
 
@@ -175,10 +189,9 @@ class Catalogue:
         try:
             yield
         except sqlite3.Error as error:
-            raise LogError(
-                self.path,
-                f"cannot be used: {error}. If it is damaged, delete it and import again: the drives are made anew.",
-            ) from error
+            damaged = getattr(error, "sqlite_errorname", "") in ("SQLITE_CORRUPT", "SQLITE_NOTADB")
+            advice = " Delete it and import again: the drives are made anew." if damaged else ""
+            raise LogError(self.path, f"cannot be used: {error}.{advice}") from error
 
 
 def _is_sound(one: SensorEntry) -> bool:

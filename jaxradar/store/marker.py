@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from jaxradar._errors import LogError
 
-__all__ = ["CATALOGUE", "DRIVES", "MARKER", "check_marker", "marker_content"]
+__all__ = ["CATALOGUE", "DRIVES", "MARKER", "alone", "check_marker", "marker_content"]
 
 MARKER = "store.json"
 CATALOGUE = "catalogue.sqlite"
@@ -29,3 +31,20 @@ def check_marker(place: Path, content: bytes) -> None:
         raise LogError(place, f"is not JSON ({error}); it is damaged.") from error
     if not isinstance(held, dict) or held.get("format") != _FORMAT or held.get("version") != _VERSION:
         raise LogError(place, f"holds {held!r:.80}; expected format {_FORMAT!r} of version {_VERSION}.")
+
+
+@contextmanager
+def alone(store: Path) -> Iterator[None]:
+    """Nobody else imports or packs meanwhile; the lock is gone with the process, however that ends. Raises `LogError`
+    if somebody does."""
+    try:
+        import fcntl
+    except ImportError:  # Windows, where two at once are the user's own affair
+        yield
+        return
+    with (store / MARKER).open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise LogError(store, "is being written or packed by another import; wait for it to end.") from error
+        yield

@@ -2,8 +2,9 @@
 
 A *chunk* holds some sweeps of each lane; a state for each lane goes from chunk to chunk. A series begins at the start
 of a chunk, where its lane's state is made anew, and ends somewhere in one; only the rest of that one is padding. So
-one program serves series of every length, what is held in memory does not grow with their number or length, and what
-a series comes to does not depend on which others went along.
+one program serves series of every length, what is held in memory does not grow with their number, nor with their length
+but by their times and by what is given out of each sweep, and what a series comes to does not depend on which others
+went along.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxradar._machine import cores
+from jaxradar._machine import allow_open_files, cores
 from jaxradar._numerics import compiled
 from jaxradar.drive import SensorSeries
 from jaxradar.drivefile.layout import is_mapped
@@ -36,8 +37,11 @@ LANES_BY_LOGS, CHUNK_SWEEPS_BY_LOGS = 16, 32768
 LANES_ON_ACCELERATOR, CHUNK_SWEEPS_ON_ACCELERATOR = 1024, 65536
 MOST_CHUNK_BYTES = 32 << 20
 FEWER_LANES = 8  # where so many stay empty, there are fewer by this factor
-LOOK_AHEAD = 512  # series that wait, among which those of one range axis are picked
-LOOK_AHEAD_BYTES = 128 << 20  # of those that lie in memory
+LOOK_AHEAD = 128  # series that wait, among which those of one range axis are picked
+LOOK_AHEAD_BYTES = 128 << 20  # of what of them lies in memory
+LONGEST_WAIT = 512  # series that may be read and given out before one that waits has its turn
+MOST_RESULTS = 64  # that wait to be fetched
+OTHER_FILES = 256  # that a process may have open beside the series
 ALIGNMENT = 64  # bytes: what the program reads where it lies
 
 Fields = tuple[str, ...]
@@ -52,16 +56,20 @@ def detect_series(
 
     They come in the order in which they end, which is not that of the series. Series of one range axis share lanes,
     so a mixture is gone through axis by axis as far as the look-ahead reaches; what lies in memory maps is read as it
-    is needed. On a CPU a thread for each core goes through its own lanes if the detector is `sequential`; otherwise,
-    and on accelerators, each local device has one. The results are those of `detect`, and the same whichever series go
-    along.
+    is needed, and its file is open until then. On a CPU a thread for each core goes through its own lanes if the
+    detector is `sequential`; otherwise, and on accelerators, each local device has one. The results are those of
+    `detect`, and the same whichever series go along (of `range-rate` to the last digits of the time across a gap).
 
     Raises `ConfigError` for an unknown field, and what reading `series` raises, once all that was read is given out.
     """
     check_fields(fields)
     feed = _Feed(series)
-    done: queue.Queue[Any] = queue.Queue(maxsize=LOOK_AHEAD)
-    workers = [_Lanes(detector, tuple(fields), device, feed, done) for device in _devices(detector)]
+    done: queue.Queue[Any] = queue.Queue(maxsize=MOST_RESULTS)
+    devices = _devices(detector)
+    # A file that is mapped into memory is an open one.
+    lanes = LANES_BY_TIME if devices[0].platform == "cpu" else LANES_ON_ACCELERATOR
+    allow_open_files(LOOK_AHEAD + MOST_RESULTS + LONGEST_WAIT + lanes * len(devices) + OTHER_FILES)
+    workers = [_Lanes(detector, tuple(fields), device, feed, done) for device in devices]
     threads = [threading.Thread(target=worker.run, daemon=True) for worker in workers]
     for thread in threads:
         thread.start()
@@ -98,7 +106,7 @@ class _Feed:
     def __init__(self, series: Iterable[SensorSeries]) -> None:
         self._source = enumerate(series)
         self._waiting: dict[Any, list[tuple[int, SensorSeries]]] = {}
-        self._count = self._bytes = 0
+        self._count = self._bytes = self._read = 0
         self._lock = threading.Lock()
         self._ended = self.stopped = False
         self.error: BaseException | None = None
@@ -110,11 +118,16 @@ class _Feed:
             self._waiting.clear()
 
     def take(self, axis: Any) -> tuple[Any, int, SensorSeries] | None:
-        """The next with this axis; with None the next of the axis that most wait with. None if there is none."""
+        """The next with this axis; with None the next of the axis of who waits longest. None if there is none, or if
+        another axis has waited too long."""
         with self._lock:
             self._look_ahead()
-            if axis is None and self._waiting:
-                axis = max(self._waiting, key=lambda one: len(self._waiting[one]))
+            if self._waiting:
+                longest = min(self._waiting, key=lambda one: self._waiting[one][0][0])
+                if axis is None:
+                    axis = longest
+                elif axis != longest and self._read - self._waiting[longest][0][0] > LONGEST_WAIT:
+                    return None
             held = self._waiting.get(axis)
             if not held:
                 return None
@@ -142,11 +155,13 @@ class _Feed:
             axis = (item[1].sweeps.dtype.str, item[1].range_m.tobytes())
             self._waiting.setdefault(axis, []).append(item)
             self._count += 1
+            self._read += 1
             self._bytes += _bytes_in_memory(item[1])
 
 
 def _bytes_in_memory(series: SensorSeries) -> int:
-    return 0 if is_mapped(series.sweeps) else int(series.sweeps.nbytes)
+    sweeps = 0 if is_mapped(series.sweeps) else int(series.sweeps.nbytes)
+    return sweeps + int(series.times_ns.nbytes) + int(series.flags.nbytes)
 
 
 @dataclasses.dataclass
