@@ -137,6 +137,7 @@ def test_only_what_is_in_sight_is_in_the_page(page: Any) -> None:
     assert page.locator("tr.active th").first.inner_text().endswith("log 04999")
     assert len(names(page)) < 60
     assert page.locator("#table").get_attribute("aria-rowcount") == "5001"
+    assert page.locator("tr.active th").evaluate("cell => getComputedStyle(cell).textAlign") == "left"
 
 
 def test_a_row_opens_by_key_and_by_mouse(page: Any) -> None:
