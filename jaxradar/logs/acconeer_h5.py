@@ -12,6 +12,7 @@ A file may be damaged: nothing is read before its size is known to be within wha
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -79,6 +80,7 @@ class _Recording:
         range_m = self._range_axis(session, data.shape[2])
         flags = self._flags(data.shape[:2])
         times_ns, started_at_ns = self._times(seconds)
+        config = _finite(config)
         spec = config | {"rss_version": self._text("rss_version")} if "rss_version" in self.names else config
         sensors = []
         for column, number in sorted(enumerate(numbers), key=lambda item: item[1]):
@@ -180,8 +182,7 @@ class _Recording:
 
     def _json(self, name: str) -> Any:
         try:
-            # A setting that is no number is none; JSON knows neither NaN nor infinity.
-            return json.loads(self._text(name), parse_constant=lambda constant: None)
+            return json.loads(self._text(name))
         except (ValueError, RecursionError) as error:
             raise self._refuse(name, f"is no JSON: {error}.") from error
 
@@ -249,3 +250,12 @@ class _Recording:
         whole = np.floor(seconds)
         times = whole.astype(np.int64) * NANOSECONDS + np.rint((seconds - whole) * NANOSECONDS).astype(np.int64)
         return times - times[0], int(times[0])
+
+
+def _finite(value: Any) -> Any:
+    """A setting that is no number is none: it is written again as strict JSON, which knows neither NaN nor infinity."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -31,6 +31,8 @@ __all__ = [
     "trace_of",
 ]
 
+FEWEST_SWEEPS = 512
+
 
 def time_steps(times_ns: Int[np.ndarray, " sweeps"]) -> Float[np.ndarray, " sweeps"]:
     """Seconds since the sweep before, 0 for the first: differenced in integers, so that a day's log loses nothing."""
@@ -107,9 +109,10 @@ _run = compiled(run)
 
 
 def _padded_length(count: int) -> int:
-    """The next length of 1, 1.25, 1.5 or 1.75 times a power of two, 64 or more: few programs, little padding."""
-    quarter = (1 << (max(count, 64) - 1).bit_length()) // 8
-    return -(-max(count, 64) // quarter) * quarter
+    """The next length of 1, 1.25, 1.5 or 1.75 times a power of two, `FEWEST_SWEEPS` or more: few programs, which take
+    seconds to compile, and little padding, which takes milliseconds."""
+    quarter = (1 << (max(count, FEWEST_SWEEPS) - 1).bit_length()) // 8
+    return -(-max(count, FEWEST_SWEEPS) // quarter) * quarter
 
 
 def detect(detector: StepDetector[Any, Any], series: SensorSeries, motion: Motion | None = None) -> StepTrace:
