@@ -16,7 +16,8 @@ Steps out:
 - `load_detector`: a detector by name or from a TOML file, as a `DetectorFile`.
 - `dump_detector`: a detector as commented TOML.
 - `detect`: run a detector over a series.
-- `detect_batch`: run it over thousands of series of one `RangeAxis`; `time_steps` makes one of its inputs.
+- `detect_batch`: run it over thousands of series of one `RangeAxis`, which `stack` makes its inputs of.
+- `time_steps`: the times between sweeps, which is one of these.
 - `thin`: keep some of the range bins, as the lab's program does.
 - `StepTrace`, `StepEvent`: all that a detector found out about a series; one detection.
 
@@ -80,6 +81,7 @@ if TYPE_CHECKING:
         detect_series,
         dump_detector,
         load_detector,
+        stack,
         thin,
         time_steps,
     )
@@ -124,6 +126,7 @@ __all__ = [
     "propose_steps",
     "read_log",
     "simulate",
+    "stack",
     "summarise",
     "thin",
     "time_steps",
@@ -145,7 +148,7 @@ _HOMES = {
     "store": "Store open_store",
     "units": "free_space_loss friis_power_ratio",
     "systems.step": "DetectorFile RangeAxis StepEvent StepTrace detect detect_batch detect_series dump_detector"
-    " load_detector thin time_steps",
+    " load_detector stack thin time_steps",
 }
 
 

@@ -88,11 +88,13 @@ NOT_NUMERIC: dict[str, str] = {
     "systems.step.StepDetector": ABSTRACT,
     "systems.step.StepEvent": CARRIER,
     "systems.step.StepTrace": CARRIER,
+    "systems.step.SweepBatch": CARRIER,
     "systems.step.detect": HOST + "; what it compiles is `run`",
     "systems.step.detect_series": HOST + "; what it compiles is `run_batch`'s blocks: test_step_lanes.py",
     "systems.step.dump_detector": "writes a file",
     "systems.step.load_detector": "reads a file",
     "systems.step.precision": "a context",
+    "systems.step.stack": HOST,
     "systems.step.thin": HOST,
     "systems.step.time_steps": HOST,
 }

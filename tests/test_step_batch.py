@@ -15,7 +15,7 @@ import pytest
 
 from jaxradar import ConfigError
 from jaxradar._numerics import reductions
-from jaxradar.drive import SweepFlag
+from jaxradar.drive import SensorSeries, SweepFlag
 from jaxradar.systems.step import (
     DefaultDetector,
     LabLiveDetector,
@@ -23,10 +23,12 @@ from jaxradar.systems.step import (
     RangeRateDetector,
     ThesisDetector,
     blocks,
+    detect,
     detect_batch,
     event_weights,
     precision,
     run_batch,
+    stack,
 )
 from jaxradar.systems.step import batch as step_batch
 from jaxradar.systems.step.config import Decision
@@ -448,3 +450,28 @@ def test_retuning_a_batch_never_recompiles() -> None:
     counting: Callable[..., Any] = eqx.filter_jit(eqx.debug.assert_max_traces(run_batch, max_traces=1))
     for threshold in (0.1, 0.5, 3.0):
         counting(RangeRateDetector(threshold_m_s=threshold), axis, *inputs)
+
+
+def test_stacked_series_are_each_by_itself() -> None:
+    """Lengths, times that stand still, and nothing beside the batch itself."""
+    counts, flags, dt, lengths = batch(4, 50, 40, seed=8)
+    range_m = np.asarray(axis_of(40).range_m)
+    held = [
+        SensorSeries(
+            3, np.cumsum(np.rint(1e9 * dt[log, :n])).astype(np.int64), counts[log, :n], range_m, flags[log, :n]
+        )
+        for log, n in enumerate(lengths)
+    ]
+    stacked = stack(held)
+    assert stacked.sweeps.shape == (4, int(lengths.max()), 40)
+    assert all(one.ctypes.data % 64 == 0 for one in (stacked.sweeps, stacked.flags, stacked.dt))
+    found = detect_batch(ThesisDetector(), *stacked, fields=("event", "valid"))
+    for log, series in enumerate(held):
+        alone = detect(ThesisDetector(), series)
+        assert np.flatnonzero(found["event"][log]).tolist() == [event.sweep for event in alone.events]
+        assert np.asarray(found["valid"])[log, : len(series)].tolist() == alone.valid.tolist()
+        assert not np.asarray(found["valid"])[log, len(series) :].any()
+    with pytest.raises(ValueError, match="at least one"):
+        stack([])
+    with pytest.raises(ValueError, match=r"series 1 has uint16 in 40 bins from 0\.3"):
+        stack([held[0], dataclasses.replace(held[1], range_m=range_m + 0.1)])

@@ -126,9 +126,7 @@ def test_a_shift_between_profiles_that_have_little_in_common_is_none() -> None:
     assert trace.events == ()
 
 
-@pytest.mark.parametrize(
-    "rate_hz", [20.0, 31.5, 100.0, 300.0]
-)
+@pytest.mark.parametrize("rate_hz", [20.0, 31.5, 100.0, 300.0])
 def test_speed_of_a_steady_approach(rate_hz: float) -> None:
     times = np.arange(round(rate_hz)) / rate_hz
     trace = detect(DEFAULT, series([echo(0.5 - 0.1 * t) for t in times], rate_hz=rate_hz))

@@ -18,13 +18,13 @@ from jaxradar.sim import SURFACES, RoadScene, StepUp, drive_seeds, held_out_seed
 from jaxradar.systems.step import (
     DefaultDetector,
     LabLiveDetector,
-    RangeAxis,
     RangeRateDetector,
     StepDetector,
+    SweepBatch,
     ThesisDetector,
     detect_batch,
     precision,
-    time_steps,
+    stack,
 )
 
 __all__ = ["StepDetection", "StepDrives", "StepInputs"]
@@ -36,52 +36,31 @@ KMH = 3.6
 
 
 class StepDrives(NamedTuple):
-    """A batch as `detect_batch` takes it, beside its times and its truth."""
+    """A batch as `detect_batch` takes it, beside each sweep's time and the truth."""
 
-    sweeps: np.ndarray
-    flags: np.ndarray
-    dt: np.ndarray
-    lengths: np.ndarray
-    times_s: np.ndarray
+    batch: SweepBatch
+    times_s: tuple[np.ndarray, ...]
     steps: tuple[tuple[RoadStep, ...], ...]
     sight_s: np.ndarray  # from where the line of sight meets the step to the axle above it, NaN without a step
 
     @property
     def durations_s(self) -> np.ndarray:
         """(drives,) seconds from the first to the last sweep."""
-        last = np.maximum(self.lengths - 1, 0)
-        return np.take_along_axis(self.times_s, last[:, None], axis=1)[:, 0]
+        return np.array([times[-1] for times in self.times_s])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StepInputs:
     """`tuning`: drives without a step that thresholds are set on; `drives`: held out, with steps and without."""
 
-    axis: RangeAxis
     tuning: StepDrives
     drives: StepDrives
 
 
 def _batch(drives: Sequence[Drive], sight_s: Sequence[float]) -> StepDrives:
     series = [drive.sensors[0] for drive in drives]
-    lengths = np.array([len(one) for one in series], np.int32)
-    rows = int(lengths.max())
-
-    def padded(values: list[np.ndarray]) -> np.ndarray:
-        whole = np.zeros((len(values), rows, *values[0].shape[1:]), values[0].dtype)
-        for place, one in enumerate(values):
-            whole[place, : len(one)] = one
-        return whole
-
-    return StepDrives(
-        padded([np.asarray(one.sweeps) for one in series]),
-        padded([one.flags for one in series]),
-        padded([time_steps(one.times_ns) for one in series]),
-        lengths,
-        padded([one.times_s for one in series]),
-        tuple(drive.truth.steps if drive.truth else () for drive in drives),
-        np.asarray(sight_s),
-    )
+    steps = tuple(drive.truth.steps if drive.truth else () for drive in drives)
+    return StepDrives(stack(series), tuple(one.times_s for one in series), steps, np.asarray(sight_s))
 
 
 class StepDetection(Task):
@@ -143,8 +122,8 @@ class StepDetection(Task):
         tuning = simulate_batch(quiet, drive_seeds(self.seed, len(quiet)))
         nothing = [math.nan] * len(quiet)
         drives = _batch(held, [*map(_sight_s, over), *nothing])
-        inputs = StepInputs(RangeAxis.of(held[0].sensors[0].range_m), _batch(tuning, nothing), drives)
-        return Data(inputs, drives.steps, int(drives.lengths.sum()))
+        inputs = StepInputs(_batch(tuning, nothing), drives)
+        return Data(inputs, drives.steps, int(drives.batch.lengths.sum()))
 
     def candidates(self, quick: bool = False) -> Sequence[Candidate]:
         held: dict[str, StepDetector[Any, Any]] = {
@@ -171,9 +150,7 @@ class StepDetection(Task):
     def _prepare(self, detector: StepDetector[Any, Any], data: Data) -> Program:
         inputs: StepInputs = data.inputs
         tuned = self._tuned(detector, inputs)
-        return Program(
-            lambda: _events(tuned, inputs.axis, inputs.drives), data.items, _single(tuned, inputs.axis, inputs.drives)
-        )
+        return Program(lambda: _events(tuned, inputs.drives), data.items, _single(tuned, inputs.drives.batch))
 
     def _tuned(self, detector: StepDetector[Any, Any], inputs: StepInputs) -> StepDetector[Any, Any]:
         most = self.false_alarms_per_s * float(inputs.tuning.durations_s.sum())
@@ -182,7 +159,7 @@ class StepDetection(Task):
             return detector.with_threshold(factor * float(detector.threshold))
 
         def quiet(factor: float) -> bool:
-            return sum(map(len, _events(tuned(factor), inputs.axis, inputs.tuning))) <= most
+            return sum(map(len, _events(tuned(factor), inputs.tuning))) <= most
 
         low, high = LOWEST, HIGHEST
         if quiet(low):
@@ -242,14 +219,13 @@ def _sight_s(scene: RoadScene) -> float:
     return ahead / float(scene.motion.speed_m_s)
 
 
-def _events(detector: StepDetector[Any, Any], axis: RangeAxis, drives: StepDrives) -> list[np.ndarray]:
+def _events(detector: StepDetector[Any, Any], drives: StepDrives) -> list[np.ndarray]:
     """Times of the detections in each drive."""
-    dt = drives.dt if detector.float64 else drives.dt.astype(np.float32)
-    found = detect_batch(detector, axis, drives.sweeps, drives.flags, dt, drives.lengths, ("event",))
-    return [times[hit] for times, hit in zip(drives.times_s, np.asarray(found["event"]), strict=True)]
+    found = detect_batch(detector, *drives.batch, ("event",))
+    return [times[hit[: len(times)]] for times, hit in zip(drives.times_s, np.asarray(found["event"]), strict=True)]
 
 
-def _single(detector: StepDetector[Any, Any], axis: RangeAxis, drives: StepDrives) -> Any:
+def _single(detector: StepDetector[Any, Any], batch: SweepBatch) -> Any:
     """One sweep at a time, as a car does it."""
 
     # The axis is an argument: NumPy's array in a program's closure would be single for all later programs (jax 0.10).
@@ -258,10 +234,10 @@ def _single(detector: StepDetector[Any, Any], axis: RangeAxis, drives: StepDrive
 
     program = compiled(step)
     with precision(detector):
-        state = detector.init(axis)
+        state = detector.init(batch.axis)
 
     def call() -> Any:
         with precision(detector):
-            return program(detector, axis, state, drives.sweeps[0, 0], drives.flags[0, 0], drives.dt[0, 1])
+            return program(detector, batch.axis, state, batch.sweeps[0, 0], batch.flags[0, 0], batch.dt[0, 1])
 
     return call

@@ -17,6 +17,7 @@ from jaxradar.systems.step.pipeline import (
 )
 from jaxradar.systems.step.range_rate import RangeRateDetector
 from jaxradar.systems.step.result import StepEvent, StepTrace
+from jaxradar.systems.step.stack import SweepBatch, stack
 from jaxradar.systems.step.thesis import ThesisDetector
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "StepDetector",
     "StepEvent",
     "StepTrace",
+    "SweepBatch",
     "ThesisDetector",
     "detect",
     "detect_batch",
@@ -41,6 +43,7 @@ __all__ = [
     "precision",
     "run",
     "run_batch",
+    "stack",
     "thin",
     "time_steps",
 ]

@@ -27,6 +27,7 @@ from jaxradar.drivefile.layout import is_mapped
 from jaxradar.systems.step.blocks import advance, check_fields, initial
 from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
 from jaxradar.systems.step.pipeline import precision, time_steps
+from jaxradar.systems.step.stack import aligned
 
 __all__ = ["detect_series"]
 
@@ -42,7 +43,6 @@ LOOK_AHEAD_BYTES = 128 << 20  # of what of them lies in memory
 LONGEST_WAIT = 512  # series that may be read and given out before one that waits has its turn
 MOST_RESULTS = 64  # that wait to be fetched
 OTHER_FILES = 256  # that a process may have open beside the series
-ALIGNMENT = 64  # bytes: what the program reads where it lies
 
 Fields = tuple[str, ...]
 
@@ -183,19 +183,12 @@ class _Chunk:
     """The arrays of one chunk, read by the program where they lie."""
 
     def __init__(self, lanes: int, sweeps: int, bins: int, dtype: np.dtype) -> None:
-        self.sweeps = _aligned((lanes, sweeps, bins), dtype)
-        self.flags = _aligned((lanes, sweeps), np.dtype(np.uint16))
-        self.dt = _aligned((lanes, sweeps), np.dtype(np.float64))
+        self.sweeps = aligned((lanes, sweeps, bins), dtype)
+        self.flags = aligned((lanes, sweeps), np.dtype(np.uint16))
+        self.dt = aligned((lanes, sweeps), np.dtype(np.float64))
         self.lengths = np.zeros(lanes, np.int32)
         self.fresh = np.zeros(lanes, bool)
         self.shares: list[Share] = []
-
-
-def _aligned(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
-    size = int(np.prod(shape)) * dtype.itemsize
-    raw = np.zeros(size + ALIGNMENT, np.uint8)
-    start = -raw.ctypes.data % ALIGNMENT
-    return raw[start : start + size].view(dtype).reshape(shape)
 
 
 class _Lanes:
