@@ -33,6 +33,7 @@ ELSEWHERE: dict[str, str] = {
     "report": "writes a page",
     "sim": "all of it flows through `render`: test_stability_scenes.py, test_sim_gradients.py",
     "store": "reads and writes files",
+    "tuning": "slopes of the whole cost against central differences: test_tuning.py",
     "tasks": "makes inputs and programs to measure: test_tasks.py",
 }
 

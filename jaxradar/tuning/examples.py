@@ -1,0 +1,74 @@
+"""Drives with their truth as arrays: where a detection would hit which step, and where it would be a false alarm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxradar.drive import NANOSECONDS, Drive, SensorSeries
+from jaxradar.matching import MatchWindow, speed_at
+from jaxradar.systems.step import SweepBatch, stack
+
+__all__ = ["Examples", "examples_of"]
+
+
+class Examples(NamedTuple):
+    """Series of one range axis.
+
+    - `batch`: as `stack` makes it.
+    - `window`: (logs, steps, sweeps) bool: a detection here may hit this step.
+    - `lead_s`: (logs, steps, sweeps) float32, the time until its impact.
+    - `real`: (logs, steps) bool: padding is no step.
+    - `false`: (logs, sweeps) bool: a detection here is a false alarm.
+    - `hours`: (logs,) float64.
+    """
+
+    batch: SweepBatch
+    window: np.ndarray
+    lead_s: np.ndarray
+    real: np.ndarray
+    false: np.ndarray
+    hours: np.ndarray
+
+    def __len__(self) -> int:  # of logs, and not of fields
+        return len(self.hours)
+
+    def pick(self, logs: np.ndarray) -> Examples:
+        """Those logs alone, in that order."""
+        axis, *arrays = self.batch
+        return Examples(SweepBatch(axis, *(one[logs] for one in arrays)), *(one[logs] for one in self[1:]))
+
+
+def examples_of(drives: Sequence[tuple[Drive, SensorSeries]], window: MatchWindow | None = None) -> Examples:
+    """Series of drives whose truth is known, by the rule of `jaxradar.matching`.
+
+    Raises `ValueError` for a drive without truth, and as `stack` does.
+    """
+    window = MatchWindow() if window is None else window
+    for place, (drive, _) in enumerate(drives):
+        if drive.truth is None:
+            raise ValueError(f"`examples_of` takes drives whose truth is known; that of drive {place} is not.")
+    batch = stack([series for _, series in drives])
+    logs, sweeps = batch.flags.shape
+    steps = max((len(drive.truth.steps) for drive, _ in drives if drive.truth is not None), default=0)
+    inside = np.zeros((logs, max(steps, 1), sweeps), bool)
+    lead = np.zeros(inside.shape, np.float32)
+    real = np.zeros(inside.shape[:2], bool)
+    false = np.zeros((logs, sweeps), bool)
+    hours = np.zeros(logs)
+    for log, (drive, series) in enumerate(drives):
+        assert drive.truth is not None
+        count = len(series)
+        near = np.zeros(count, bool)
+        for place, step in enumerate(sorted(drive.truth.steps, key=lambda one: one.impact_s)):
+            before = np.int64(round(step.impact_s * NANOSECONDS)) - series.times_ns
+            reach = min(window.before(speed_at(drive.motion.speed_m_s, step.impact_s)), 3.2e7)
+            inside[log, place, :count] = (before >= 0) & (before <= round(reach * NANOSECONDS))
+            lead[log, place, :count] = before / NANOSECONDS
+            near |= inside[log, place, :count]
+            real[log, place] = inside[log, place].any()
+        false[log, :count] = ~near
+        hours[log] = series.duration_s / 3600.0
+    return Examples(batch, inside, lead, real, false, hours)
