@@ -188,8 +188,9 @@ class Catalogue:
     def _said(self) -> Iterator[None]:
         try:
             yield
-        except sqlite3.Error as error:
-            damaged = getattr(error, "sqlite_errorname", "") in ("SQLITE_CORRUPT", "SQLITE_NOTADB")
+        except (sqlite3.Error, UnicodeDecodeError) as error:
+            # What SQLite says of a damaged file may quote its bytes, which are no text then.
+            damaged = getattr(error, "sqlite_errorname", "SQLITE_CORRUPT") in ("SQLITE_CORRUPT", "SQLITE_NOTADB")
             advice = " Delete it and import again: the drives are made anew." if damaged else ""
             raise LogError(self.path, f"cannot be used: {error}.{advice}") from error
 
