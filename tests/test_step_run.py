@@ -51,6 +51,9 @@ def batch(padded_to: int, filler: int):
 
 # The default compiles for many seconds at each shape; `test_stability.py` looks at its hard cases too.
 DEFAULT_LATER = [pytest.param(name, marks=pytest.mark.long) if name == "default" else name for name in DETECTORS]
+GRADIENTS_LATER = [
+    pytest.param(name, marks=pytest.mark.long) if name in ("default", "range-rate") else name for name in DETECTORS
+]
 
 
 @pytest.mark.parametrize("name", DEFAULT_LATER)
@@ -248,7 +251,7 @@ GRADIENTS = jax.jit(jax.grad(_total, argnums=(0, 2)))
 
 
 @pytest.mark.parametrize("case", [case for case in HARD if case not in ("no sweep", "one sweep", "float32")])
-@pytest.mark.parametrize("name", DEFAULT_LATER)
+@pytest.mark.parametrize("name", GRADIENTS_LATER)
 def test_hard_cases_by_gradient(name: str, case: str, precision: str) -> None:
     """Of the ranges and statistics, with respect to every setting and every amplitude."""
     if DETECTORS[name].float64 and precision == "float32":
