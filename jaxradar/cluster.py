@@ -31,20 +31,27 @@ class LostError(RuntimeError):
 class Here:
     """This process, as a cluster: what works on one works without."""
 
-    workers = 1
+    @property
+    def workers(self) -> int:
+        """How many there are now."""
+        return 1
 
-    def map(self, function: Callable[[Part], Result], parts: Iterable[Part]) -> Iterator[Result]:
+    def map(self, function: Callable[[Part], Result], parts: Iterable[Part]) -> Iterator[Result | LostError]:
         """The result of each part, in their order."""
         return map(function, parts)
 
     def total(
         self, function: Callable[[Part], Any], parts: Sequence[Part], add: Callable[[Any, Any], Any] | None = None
     ) -> Any:
-        """As `Cluster.total`."""
-        return _total(map(function, parts), add)
+        """The sum over parts of what `function` gives, a tree of arrays such as a gradient; added in their order.
+
+        `add`: of two of them, leaf by leaf if None. Raises `LostError` if no worker survived a part, `ValueError` if
+        there is none.
+        """
+        return _total(self.map(function, parts), add)
 
 
-class Cluster:
+class Cluster(Here):
     """Workers of a Dask scheduler; `cluster_of` makes it."""
 
     def __init__(self, client: Any) -> None:
@@ -86,16 +93,6 @@ class Cluster:
             for future in waiting:
                 future.cancel()
 
-    def total(
-        self, function: Callable[[Part], Any], parts: Sequence[Part], add: Callable[[Any, Any], Any] | None = None
-    ) -> Any:
-        """The sum over parts of what `function` gives, a tree of arrays such as a gradient; added in their order.
-
-        `add`: of two of them, leaf by leaf if None. Raises `LostError` if no worker survived a part, `ValueError` if
-        there is none.
-        """
-        return _total(self.map(function, parts), add)
-
 
 def _total(terms: Iterable[Any], add: Callable[[Any, Any], Any] | None = None) -> Any:
     """The sum of trees, first to last. Raises `LostError` for a term that is one, `ValueError` for none."""
@@ -119,13 +116,13 @@ def _total(terms: Iterable[Any], add: Callable[[Any, Any], Any] | None = None) -
 
 
 @contextmanager
-def cluster_of(given: str | Cluster | Here | None) -> Iterator[Cluster | Here]:
+def cluster_of(given: str | Here | None) -> Iterator[Here]:
     """Workers by name: the address of a scheduler (`tcp://host:8786`, `tls://...`), or `local:N` for N processes on
     this machine, which share its cores out among them. None gives `Here`, a `Cluster` itself.
 
     Raises `ConfigError` for another name, for an address where nobody answers, and where Dask is not installed.
     """
-    if given is None or isinstance(given, Cluster | Here):
+    if given is None or isinstance(given, Here):
         yield given or Here()
         return
     kind, _, rest = given.partition(":")

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -45,8 +45,25 @@ class MatchWindow:
         return max(self.seconds, self.metres / speed_m_s)
 
 
+class _Hits:
+    """What steps and leads come to."""
+
+    steps: tuple[RoadStep, ...]
+    lead_s: Any
+
+    @property
+    def hits(self) -> int:
+        """Steps that were seen before the impact."""
+        return len(self.lead_s)
+
+    @property
+    def misses(self) -> int:
+        """Steps that were not."""
+        return len(self.steps) - len(self.lead_s)
+
+
 @dataclass(frozen=True, eq=False)
-class Matching:
+class Matching(_Hits):
     """The outcome for one series.
 
     - `steps`: the steps that count, in order of `impact_s`.
@@ -59,16 +76,6 @@ class Matching:
     hit_by: tuple[int | None, ...] = ()
     lead_s: tuple[float, ...] = ()
     false: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
-
-    @property
-    def hits(self) -> int:
-        """Steps that were seen before the impact."""
-        return len(self.lead_s)
-
-    @property
-    def misses(self) -> int:
-        """Steps that were not."""
-        return len(self.steps) - len(self.lead_s)
 
     @property
     def false_alarms(self) -> int:
@@ -162,7 +169,7 @@ class Counted(Protocol):
 
 
 @dataclass(frozen=True)
-class Score:
+class Score(_Hits):
     """What is kept of a `Matching`.
 
     - `steps`: the steps that count, in order of `impact_s`.
@@ -187,14 +194,6 @@ class Score:
     def lead_s(self) -> tuple[float, ...]:
         """Of the hits alone."""
         return tuple(lead for lead in self.leads_s if lead is not None)
-
-    @property
-    def hits(self) -> int:
-        return len(self.lead_s)
-
-    @property
-    def misses(self) -> int:
-        return len(self.steps) - len(self.lead_s)
 
 
 @dataclass(frozen=True)

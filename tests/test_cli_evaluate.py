@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -352,3 +353,22 @@ def test_a_report_of_logs_named_in_two_ways(tmp_path: Path, monkeypatch: pytest.
     page = tmp_path / "r.html"
     assert main(["evaluate", str(tmp_path / "a"), "b", "empty", "--report", "r.html", "--detector", "thesis"]) == 1
     assert "is a folder without logs" in page.read_text()
+
+
+def test_a_log_that_goes_away_costs_the_curve_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_log(jumps(50, truth=Truth((RoadStep(0.6),))), tmp_path / "log.drive")
+    import jaxradar.evaluation as evaluation
+
+    curve = evaluation.operating_curve
+
+    def gone(*given: Any, **more: Any) -> Any:
+        shutil.rmtree(tmp_path / "log.drive")
+        return curve(*given, **more)
+
+    monkeypatch.setattr(evaluation, "operating_curve", gone)
+    page = tmp_path / "page.html"
+    assert main(["evaluate", str(tmp_path / "log.drive"), "--report", str(page), "--detector", "thesis"]) == 0
+    assert "no curve: " in capsys.readouterr().err
+    assert '"curve":[]' in page.read_text()

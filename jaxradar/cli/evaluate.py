@@ -6,15 +6,17 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jaxradar._errors import ConfigError
+from jaxradar._errors import ConfigError, LogError
 from jaxradar.cli._options import add_command, add_selection, check_part, number
 from jaxradar.cli._output import Stream, json_lines, print_table, progress, ready_folder, shown, spare_logs
 
 if TYPE_CHECKING:
+    from jaxradar.cluster import Here
     from jaxradar.evaluation import Evaluation, SeriesResult
 
 __all__ = ["add_to", "print_results"]
@@ -80,6 +82,7 @@ def _run(args: argparse.Namespace) -> int:
         raise ConfigError("--report and --json would be one file; give each its own.")
     from jaxradar.cli._detect import figure_files
     from jaxradar.cli._logs import all_logs
+    from jaxradar.cluster import cluster_of
     from jaxradar.evaluation import Evaluation, Failure, Selection, Settings, evaluate_parts, failure_record, record_of
     from jaxradar.matching import MatchWindow
     from jaxradar.systems.step import load_detector
@@ -96,7 +99,8 @@ def _run(args: argparse.Namespace) -> int:
     failures: list[Failure] = []
     kept: list[SeriesResult] = []
     names: set[str] = set()
-    with json_lines(args.json, logs) as lines:
+    # The workers serve the results and the curve.
+    with ExitStack() as held, json_lines(args.json, logs) as lines:
         figures = ready_folder(args.figures, "--figures")
         if args.report is not None:
             _check_report(args.report, logs)
@@ -108,8 +112,9 @@ def _run(args: argparse.Namespace) -> int:
 
         for given, problem in empty:
             fail(Failure(given, problem))
+        workers = held.enter_context(cluster_of(args.cluster))
         with progress("evaluating", len(logs), quiet=args.quiet) as advance:
-            for one in evaluate_parts(logs, settings, args.cluster, advance):
+            for one in evaluate_parts(logs, settings, workers, advance):
                 if isinstance(one, Failure):
                     fail(one)
                     continue
@@ -119,9 +124,8 @@ def _run(args: argparse.Namespace) -> int:
                     figure_files(one, figures, settings.detector.name, names)
                 lines.write(record_of(one))
                 rows.add(one)
-    if args.report is not None:
-        found = Evaluation.of([*kept, *failures], settings)
-        _write_report(args, found)
+        if args.report is not None:
+            _write_report(args, Evaluation.of([*kept, *failures], settings), workers)
     if not args.quiet:
         rows.print(sys.stderr if args.json == "-" else sys.stdout)
     if not failures:
@@ -150,7 +154,7 @@ def _check_report(target: str, logs: Sequence[str]) -> None:
         raise ConfigError(f"--report {shown(target)} cannot be written: {reason}.") from None
 
 
-def _write_report(args: argparse.Namespace, found: Evaluation) -> None:
+def _write_report(args: argparse.Namespace, found: Evaluation, workers: Here) -> None:
     from jaxradar.evaluation import operating_curve
     from jaxradar.report import write_report
 
@@ -158,7 +162,10 @@ def _write_report(args: argparse.Namespace, found: Evaluation) -> None:
     curve: tuple[Any, ...] = ()
     if known:
         with progress("ROC", min(known, MOST_ROC_LOGS), quiet=args.quiet) as advance:
-            curve = operating_curve(found, most_logs=MOST_ROC_LOGS, cluster=args.cluster, advance=advance)
+            try:
+                curve = operating_curve(found, most_logs=MOST_ROC_LOGS, cluster=workers, advance=advance)
+            except LogError as error:  # what was found before is not lost with it
+                print(f"jaxradar: no curve: {shown(str(error))}", file=sys.stderr)
     write_report(found, args.report, curve=curve)
 
 

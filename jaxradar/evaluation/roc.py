@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Iterable
 
 from jaxradar._errors import LogError
-from jaxradar.cluster import Cluster, Here, cluster_of
+from jaxradar.cluster import Here, cluster_of
 from jaxradar.estimate.intervals import Estimate, proportion, rate
 from jaxradar.evaluation.records import Failure, SeriesResult
 from jaxradar.evaluation.run import evaluate_parts
@@ -44,16 +44,17 @@ def operating_curve(
     factors: Iterable[float] = FACTORS,
     *,
     most_logs: int | None = None,
-    cluster: str | Cluster | Here | None = None,
+    cluster: str | Here | None = None,
     advance: Callable[[int], None] = lambda logs: None,
 ) -> tuple[OperatingPoint, ...]:
     """The detector at `factors` of its own threshold, over those logs of an evaluation whose truth is known.
 
     Each threshold is a run over the logs, on the workers of `cluster` if one is given, and compiles nothing anew; the
-    detector's own (a factor of 1) is what the evaluation found. Raises `LogError` for a log that cannot be read any
-    more. A factor that the bounds of the setting do not allow
+    detector's own (a factor of 1) is what the evaluation found. A factor that the bounds of the setting do not allow
     counts as the nearest that they do, once. `most_logs`: evenly many of them if there are more. `advance` hears how
     many of these are done, in parts that add up to all once.
+
+    Raises `LogError` for a log that cannot be read any more: the points would not be of the same logs.
     """
     settings = evaluation.settings
     known = [one for one in evaluation.results if one.score is not None]
@@ -80,7 +81,7 @@ def operating_curve(
 def _point(threshold: float, results: Iterable[SeriesResult | Failure], chosen: bool) -> OperatingPoint:
     scores = []
     for one in results:
-        if isinstance(one, Failure):  # the points would not be of the same logs
+        if isinstance(one, Failure):
             raise LogError(one.path, f"could be evaluated before, and now: {one.error}")
         if one.score is not None:
             scores.append((one.score, one.duration_s))

@@ -147,7 +147,7 @@ def _shard(settings: Settings, paths: Sequence[str]) -> list[SeriesResult | Fail
 def evaluate_parts(
     paths: Sequence[str],
     settings: Settings,
-    cluster: str | Cluster | Here | None = None,
+    cluster: str | Here | None = None,
     advance: Callable[[int], None] = lambda logs: None,
 ) -> Iterator[SeriesResult | Failure]:
     """As `evaluate_each`, on the workers of a cluster if one is given (`cluster_of`), with the same results.
@@ -155,7 +155,7 @@ def evaluate_parts(
     `advance` hears of how many more logs the results were given out.
     """
     with cluster_of(cluster) as workers:
-        if isinstance(workers, Here):
+        if not isinstance(workers, Cluster):
             last = None
             for one in evaluate_each(paths, settings):
                 advance(int(one.path != last))
@@ -179,7 +179,7 @@ def evaluate(
     selection: Selection | None = None,
     window: MatchWindow | None = None,
     pictures: bool = False,
-    cluster: str | Cluster | Here | None = None,
+    cluster: str | Here | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Evaluation:
     """Run a detector over logs and stores, and hold what it finds against the truth.

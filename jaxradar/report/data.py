@@ -19,7 +19,7 @@ from jaxradar.logs import below_common_folder
 __all__ = ["page_data"]
 
 BLOB_PICTURES = 40  # in one blob: what a screen shows is in one or two
-MOST_EVENTS = 300  # of a series that the page lists; a detector that alarms at every sweep says no more with the rest
+MOST_EVENTS = 100  # of a series that the page lists; a detector that alarms at every sweep says no more with the rest
 NOTHING = 65535  # where no range is known
 
 

@@ -32,7 +32,9 @@ class Examples(NamedTuple):
     false: np.ndarray
     hours: np.ndarray
 
-    def __len__(self) -> int:  # of logs, and not of fields
+    @property
+    def logs(self) -> int:
+        """How many there are."""
         return len(self.hours)
 
     def pick(self, logs: np.ndarray) -> Examples:

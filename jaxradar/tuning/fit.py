@@ -91,7 +91,7 @@ def tune(
     with precision(detector):
         dtype = jnp.result_type(float)
         drawn = own + plan.spread * random.normal(size=(plan.candidates, len(own)))
-        few = examples.pick(random.permutation(len(examples))[: plan.logs])
+        few = examples.pick(random.permutation(examples.logs)[: plan.logs])
         order = np.argsort(np.asarray(_costs_of(space, detector, costs, few, last, jnp.asarray(drawn, dtype))))
         vectors = jnp.asarray(np.vstack([own, drawn[order[: plan.starts - 1]]]), dtype)
         held = [np.asarray(vectors)]
@@ -99,7 +99,7 @@ def tune(
         if not np.isfinite(scores[0]).any():
             raise ConfigError("no start has a finite cost on the drives kept for validation.")
         for stage, temperature in enumerate(plan.temperatures, 1):
-            logs = random.permutation(len(examples))[: plan.logs]
+            logs = random.permutation(examples.logs)[: plan.logs]
             moved = _solve(space, detector, costs, examples.pick(logs), temperature, vectors, plan.steps)
             found = np.asarray(_costs_of(space, detector, costs, kept, last, moved))
             better = np.isfinite(found) & ~(found >= scores[-1])
