@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from functools import partial
 from os import PathLike
 from typing import Any, TypeVar
 
@@ -22,6 +23,8 @@ __all__ = [
     "declared",
     "in_order",
     "is_plain",
+    "part",
+    "parts",
     "read_settings",
     "setting",
     "settings_lines",
@@ -44,6 +47,12 @@ def shape_setting(default: Any, low: float, high: float, unit: str, doc: str) ->
 def choice_setting(default: str, choices: tuple[str, ...], doc: str) -> Any:
     """A branch of the program chosen by name: static."""
     return eqx.field(default=default, static=True, metadata={"choices": choices, "unit": "", "doc": doc})
+
+
+def part(kind: type[Settings], **values: float) -> Any:
+    """Settings of a part of the whole, a table of their own in a file, by default with these values; None for a part
+    that is off."""
+    return eqx.field(default_factory=partial(kind, **values), metadata={"part": kind})
 
 
 class Settings(eqx.Module):
@@ -97,6 +106,11 @@ def in_order(kind: str, first: str, low: Any, second: str, high: Any) -> None:
 def declared(kind: type[Settings]) -> dict[str, dataclasses.Field[Any]]:
     """The fields that were declared by one of the functions of this module."""
     return {one.name: one for one in dataclasses.fields(kind) if "doc" in one.metadata}
+
+
+def parts(kind: type[Settings]) -> dict[str, type[Settings]]:
+    """The parts that were declared by `part`, and what each is."""
+    return {one.name: one.metadata["part"] for one in dataclasses.fields(kind) if "part" in one.metadata}
 
 
 def read_settings(

@@ -27,7 +27,7 @@ from scipy import special, stats
 from jaxradar.drive import SensorSeries, SweepFlag
 from jaxradar.estimate import detection as theory
 from jaxradar.logs import read_log
-from jaxradar.systems.step import DefaultDetector, RangeAxis
+from jaxradar.systems.step import RangeAxis, ShiftDetector
 
 THESIS_M_S, BIN_M = 0.7, 7.0338e-3
 NOISE_M = (0.4935e-3, 0.49e-3)  # table A.3 to all its digits, and rounded
@@ -83,7 +83,7 @@ def moves(bins: int, sd: float) -> float:
 
 def single_sweep_ranges(recordings: dict[str, SensorSeries]) -> dict[str, dict[str, np.ndarray]]:
     """In mm, of the valid sweeps, for each way of finding it and each recording."""
-    detector = DefaultDetector()
+    detector = ShiftDetector()
     longest = max(len(series) for series in recordings.values())
     found: dict[str, dict[str, np.ndarray]] = {"refined": {}, "arg-max": {}}
     with jax.enable_x64(True):

@@ -21,7 +21,7 @@ import numpy as np
 
 from jaxradar import SensorSeries, read_log
 from jaxradar._numerics import compiled
-from jaxradar.systems.step import DefaultDetector, RangeAxis
+from jaxradar.systems.step import RangeAxis, ShiftDetector
 from jaxradar.tasks.noise import recorded_covariance
 
 FLOOR_FROM_ECHO = 300  # bins between the echo and what counts as floor
@@ -69,7 +69,7 @@ def jitter_mm(range_m: np.ndarray) -> float:
 
 def single_sweep_ranges(held: dict[str, SensorSeries]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """In metres, of each recording: by the largest bin, and by the default detector where that is valid."""
-    observe = compiled(jax.vmap(DefaultDetector().observe, in_axes=(None, 0, 0)))
+    observe = compiled(jax.vmap(ShiftDetector().observe, in_axes=(None, 0, 0)))
     ranges = {}
     for name, one in held.items():
         sweeps = np.asarray(one.sweeps)

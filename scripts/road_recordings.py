@@ -23,8 +23,8 @@ from jaxradar.drive import SensorSeries
 from jaxradar.logs import read_log
 from jaxradar.sim.inject import inject_step, retimed
 from jaxradar.systems.step import (
-    DefaultDetector,
     RangeAxis,
+    ShiftDetector,
     StepDetector,
     detect,
     load_detector,
@@ -106,7 +106,7 @@ def wilson(successes: float, trials: int) -> tuple[float, float]:
 
 def print_standing(recordings: dict[str, SensorSeries], moving: SensorSeries | None, chosen: set[str]) -> bool:
     thesis, default = load_detector("thesis").detector, load_detector("default").detector
-    bare = DefaultDetector(least_shift_m=0.0)
+    bare = ShiftDetector(least_shift_m=0.0)
     good = True
     print(
         "Standing recordings: alarms of the thesis's rule at 128 bins (NumPy's in brackets), and the largest statistic"

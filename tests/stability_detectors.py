@@ -19,10 +19,10 @@ from jaxradar.drive import SweepFlag
 from jaxradar.systems.step import (
     DETECTORS,
     Decision,
-    DefaultDetector,
     LabLiveDetector,
     RangeAxis,
     RangeRateDetector,
+    ShiftDetector,
     ThesisDetector,
     event_weights,
     run,
@@ -55,7 +55,7 @@ def inputs_of(detector: Any, bins: int) -> Inputs:
     """Every sweep; every time step, setting at its bounds and temperature of the decision with an ordinary echo."""
     usual = {name: float(getattr(detector, name)) for name in tunable(detector)}
     given = hard.sweeps(bins)
-    if isinstance(detector, DefaultDetector):  # `shifted_correlations` squares amplitudes: as far as float32 holds them
+    if isinstance(detector, ShiftDetector):  # `shifted_correlations` squares amplitudes: as far as float32 holds them
         given |= {"huge": given["echo"] * 2.0**44, "tiny": given["echo"] * 2.0**-50}
 
     def one(sweep: str = "echo", step_s: float = 0.01, temperature: float = 0.1, **moved: float) -> tuple[Any, ...]:
@@ -153,9 +153,9 @@ def lab_live(counts: np.ndarray, dt: np.ndarray, settings: dict[str, float]) -> 
     return {"range_m": distance, "statistic": nearness, "valid": held, "strength": strength}
 
 
-def default(counts: np.ndarray, dt: np.ndarray, flags: np.ndarray, settings: dict[str, float]) -> dict[str, Any]:
-    """Strength and evidence of the default detector; the range of a track that has just begun."""
-    bins, made = counts.shape[1], DefaultDetector()
+def shift(counts: np.ndarray, dt: np.ndarray, flags: np.ndarray, settings: dict[str, float]) -> dict[str, Any]:
+    """Strength and evidence of the shift detector; the range of a track that has just begun."""
+    bins, made = counts.shape[1], ShiftDetector()
     range_m = np.asarray(axis_of(bins).range_m)
     per_cell = max(1, min(round(made.cell_m / BIN_M), bins // 2))
     cells_of = lambda values: values[: bins // per_cell * per_cell].reshape(-1, per_cell).mean(axis=1)  # noqa: E731
@@ -192,8 +192,8 @@ def answer_of(detector: Any, counts: Any, dt: Any, flags: Any, temperature: Any,
     held = dict(zip(tunable(detector), map(float, settings), strict=True))
     if isinstance(detector, LabLiveDetector):
         return lab_live(counts, dt, held)
-    if isinstance(detector, DefaultDetector):
-        return default(counts, dt, flags, held)
+    if isinstance(detector, ShiftDetector):
+        return shift(counts, dt, flags, held)
     peak = place_by_thesis if isinstance(detector, ThesisDetector) else partial(place_by_peak, detector.peak)
     return range_rate(peak, counts, dt, held)
 

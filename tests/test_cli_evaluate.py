@@ -23,7 +23,7 @@ KEYS = [
     "path", "sensor", "sweeps", "duration_s", "sweep_rate_hz", "invalid_sweeps", "problems", "detections",
     "hits", "misses", "false_alarms", "lead_s",
 ]  # fmt: skip
-DETECTION_KEYS = ["time_s", "range_m", "strength", "statistic", "threshold", "sweep"]
+DETECTION_KEYS = ["time_s", "range_m", "strength", "statistic", "threshold", "sweep", "impact_in_s"]
 
 
 def jumps(*at: int, count: int = 200, sensor: int = 3, **more: Any) -> Drive:

@@ -16,7 +16,7 @@ from jaxradar.drive import RoadStep
 from jaxradar.evaluation import Evaluation, Events, Failure, OperatingPoint, Picture, SeriesResult, Settings
 from jaxradar.matching import Score, Summary
 from jaxradar.report import write_report
-from jaxradar.systems.step import DefaultDetector
+from jaxradar.systems.step import ShiftDetector
 
 pytestmark = pytest.mark.browser
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -49,7 +49,7 @@ def result(number: int) -> SeriesResult:
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     page = tmp_path_factory.mktemp("report") / "report.html"
-    found = Evaluation.of(map(result, range(DRIVES)), Settings(DefaultDetector()))
+    found = Evaluation.of(map(result, range(DRIVES)), Settings(ShiftDetector()))
     found = dataclasses.replace(found, failures=(Failure("/logs/bad", "/logs/bad: is <b>bad</b>."),))
     points = [OperatingPoint(0.1 * n, Summary(5, 36000.0, 60 - 10 * n, 10 * n, 4**n), n == 2) for n in range(4, 0, -1)]
     write_report(found, page, curve=points)
@@ -205,7 +205,7 @@ def test_the_last_series_by_button_and_the_window_resized(page: Any) -> None:
 
 def test_a_page_without_pictures(browser: Any, tmp_path: Path) -> None:
     results = [dataclasses.replace(result(number), picture=None) for number in range(60)]
-    write_report(Evaluation.of(results, Settings(DefaultDetector())), tmp_path / "page.html")
+    write_report(Evaluation.of(results, Settings(ShiftDetector())), tmp_path / "page.html")
     opened = browser.new_page(viewport={"width": 1280, "height": 900})
     opened.goto((tmp_path / "page.html").as_uri())
     opened.wait_for_function("document.documentElement.dataset.ready === 'yes'")

@@ -17,10 +17,12 @@ from jaxradar import ConfigError
 from jaxradar._numerics import reductions
 from jaxradar.drive import SensorSeries, SweepFlag
 from jaxradar.systems.step import (
+    ApproachDetector,
     DefaultDetector,
     LabLiveDetector,
     RangeAxis,
     RangeRateDetector,
+    ShiftDetector,
     ThesisDetector,
     blocks,
     detect,
@@ -39,9 +41,11 @@ DETECTORS: dict[str, Any] = {
     "thesis": ThesisDetector(),
     "lab-live": LabLiveDetector(nearest_m=0.35),
     "lab-live as it was": LabLiveDetector(nearest_m=0.35, as_it_was=True),
+    "shift": ShiftDetector(),
+    "approach": ApproachDetector(),
     "default": DefaultDetector(),
     # A third of the cells, for what does not hang on their number: a program of a second, not of five.
-    "few cells": DefaultDetector(cell_m=0.06),
+    "few cells": ShiftDetector(cell_m=0.06),
     **{peak: RangeRateDetector(peak=peak) for peak in PEAKS},
     "soft-argmax, compensated": RangeRateDetector(refine_compensated=True),
     "parabola, compensated": RangeRateDetector(peak="parabola", refine_compensated=True),
@@ -67,7 +71,7 @@ def batch(logs: int, sweeps: int, bins: int, gaps: bool = True, seed: int = 0) -
     lengths = np.full(logs, sweeps)
     if gaps:
         missing = generator.random((logs, sweeps)) < 0.08
-        missing[:, sweeps // 3 : sweeps // 3 + 40 * (sweeps > 200)] = True  # too long for the default detector
+        missing[:, sweeps // 3 : sweeps // 3 + 40 * (sweeps > 200)] = True  # too long for a track
         flags |= np.where(missing, np.uint16(SweepFlag.MISSED_DATA), np.uint16(0))
         counts[generator.random((logs, sweeps)) < 0.03] = 0
         dt = np.where(generator.random((logs, sweeps)) < 0.05, generator.choice([0.0, -0.005], (logs, sweeps)), dt)
@@ -124,8 +128,9 @@ SIZES = [(1, 331, 128), (3, 64, 127), (130, 7, 16), (3, 2, 2), (3, 1, 200)]
 WHOLE = ("thesis", "lab-live", "few cells", "soft-argmax")
 FEW_CELLS = pytest.param("few cells", marks=pytest.mark.long)
 CASES = [(name, *size) for name in DETECTORS for size in (SIZES if name in WHOLE else [(3, 64, 127), (3, 2, 2)])]
-# `default` compiles for ten seconds; "few cells" is the same with less. Of the others, too, one size shows most.
-SOON = {(name, 3, 64, 127) for name in DETECTORS if name != "default"} | {("thesis", *size) for size in SIZES}
+# `shift` compiles for ten seconds; "few cells" is the same with less. Of the others, too, one size shows most.
+SLOW = ("shift", "default")
+SOON = {(name, 3, 64, 127) for name in DETECTORS if name not in SLOW} | {("thesis", *size) for size in SIZES}
 CASES = [case if case in SOON else pytest.param(*case, marks=pytest.mark.long) for case in CASES]
 # Ways to find the peak that others stand for.
 FEW_PEAKS = [peak if peak == "soft-argmax" else pytest.param(peak, marks=pytest.mark.long) for peak in PEAKS]
@@ -185,7 +190,7 @@ def test_threads_run_in_the_caller_s_precision(monkeypatch: pytest.MonkeyPatch) 
     seen = []
     monkeypatch.setattr(step_batch, "_threads", lambda detector, logs: 2)
     monkeypatch.setattr(step_batch, "_batch", lambda *args: seen.append(jnp.zeros(()).dtype) or {"event": jnp.zeros(1)})
-    for name, double in (("default", False), ("default", True), ("lab-live", False)):
+    for name, double in (("shift", False), ("shift", True), ("lab-live", False)):
         with jax.enable_x64(double):
             detect_batch(DETECTORS[name], axis_of(2), *batch(3, 2, 2))
     assert seen == [np.float32] * 2 + [np.float64] * 4
@@ -195,10 +200,10 @@ def test_threads_are_for_what_goes_through_time(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(step_batch, "cores", lambda: 8)
     monkeypatch.setattr(step_batch.jax, "default_backend", lambda: "cpu")
     threads = step_batch._threads
-    assert [threads(DETECTORS["default"], logs) for logs in (0, 1, 127, 128, 200, 512, 10_000)] == [1, 1, 1, 2, 3, 8, 8]
+    assert [threads(DETECTORS["shift"], logs) for logs in (0, 1, 127, 128, 200, 512, 10_000)] == [1, 1, 1, 2, 3, 8, 8]
     assert threads(DETECTORS["thesis"], 10_000) == 1
     monkeypatch.setattr(step_batch.jax, "default_backend", lambda: "gpu")
-    assert threads(DETECTORS["default"], 10_000) == 1
+    assert threads(DETECTORS["shift"], 10_000) == 1
 
 
 def test_size_of_a_block() -> None:

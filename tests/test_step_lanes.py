@@ -19,9 +19,9 @@ from jaxradar import ConfigError
 from jaxradar.drive import SensorSeries, SweepFlag
 from jaxradar.systems.step import (
     Decision,
-    DefaultDetector,
     LabLiveDetector,
     RangeRateDetector,
+    ShiftDetector,
     ThesisDetector,
     detect,
     detect_series,
@@ -33,7 +33,7 @@ DETECTORS: dict[str, Any] = {
     "thesis": ThesisDetector(),
     "lab-live": LabLiveDetector(nearest_m=0.35),
     "range-rate": RangeRateDetector(),
-    "default": DefaultDetector(cell_m=0.06),  # a third of the cells: a program of a second
+    "shift": ShiftDetector(cell_m=0.06),  # a third of the cells: a program of a second
 }
 LENGTHS = (1, 300, 0, 64, 257, 31, 1000, 2, 90)
 
@@ -70,7 +70,7 @@ def assert_as_alone(detector: Any, series: SensorSeries, found: dict[str, np.nda
         *(
             pytest.param(*one, marks=pytest.mark.long)
             for one in (
-                *(("default", True), ("default", False), ("thesis", False)),
+                *(("shift", True), ("shift", False), ("thesis", False)),
                 *(("range-rate", True), ("range-rate", False), ("lab-live", False)),
             )
         ),
@@ -85,7 +85,7 @@ def test_series_of_all_lengths_are_decided_as_alone(name: str, gaps: bool) -> No
         assert_as_alone(detector, series, found[place])
 
 
-@pytest.mark.parametrize("name", ["thesis", pytest.param("default", marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", ["thesis", pytest.param("shift", marks=pytest.mark.long)])
 def test_more_series_than_lanes_and_longer_than_a_chunk(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lanes, "LANES_BY_TIME", 3)
     monkeypatch.setattr(lanes, "LANES_BY_LOGS", 3)
@@ -130,8 +130,8 @@ def test_a_rare_axis_waits_no_longer_than_it_may(monkeypatch: pytest.MonkeyPatch
 
 def test_what_goes_along_changes_nothing() -> None:
     one = make(300, 1)
-    (alone,) = (found for _, found in detect_series(DETECTORS["default"], [one], FIELDS))
-    among = dict(detect_series(DETECTORS["default"], [make(90, 5), one, make(500, 6)], FIELDS))[1]
+    (alone,) = (found for _, found in detect_series(DETECTORS["shift"], [one], FIELDS))
+    among = dict(detect_series(DETECTORS["shift"], [make(90, 5), one, make(500, 6)], FIELDS))[1]
     for name in FIELDS:
         np.testing.assert_array_equal(alone[name], among[name], name)
 
@@ -227,7 +227,7 @@ print(json.dumps([len(jax.local_devices()), sorted(used), sums]))
 """
 
 
-@pytest.mark.parametrize("name", ["thesis", pytest.param("default", marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", ["thesis", pytest.param("shift", marks=pytest.mark.long)])
 def test_two_devices_share_the_work(name: str) -> None:
     def ran(flags: str) -> Any:
         environment = {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}

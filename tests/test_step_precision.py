@@ -9,13 +9,17 @@ import pytest
 
 from jaxradar import read_log
 from jaxradar._numerics import reductions
-from jaxradar.systems.step import DefaultDetector, RangeRateDetector, ThesisDetector, detect, thin
+from jaxradar.systems.step import ApproachDetector, RangeRateDetector, ShiftDetector, ThesisDetector, detect, thin
 
 # Minutes: each precision, form and number of bins is a program of its own.
 pytestmark = pytest.mark.long
 
 PEAKS = ("arg-max", "parabola", "soft-argmax", "soft-argmax over all bins", "matched filter")
-DETECTORS = {"default": DefaultDetector(), **{peak: RangeRateDetector(peak=peak) for peak in PEAKS}}
+DETECTORS = {
+    "shift": ShiftDetector(),
+    "approach": ApproachDetector(),
+    **{peak: RangeRateDetector(peak=peak) for peak in PEAKS},
+}
 
 
 def events(detector, series) -> list[int]:
@@ -44,7 +48,7 @@ def test_the_rule_in_single_precision_finds_the_thesis_s_events(road_recordings:
     assert found == 29  # 27 on the standing recordings, 2 on the moving one
 
 
-@pytest.mark.parametrize("name", ["default", "thesis", "arg-max", "soft-argmax"])
+@pytest.mark.parametrize("name", ["shift", "approach", "thesis", "arg-max", "soft-argmax"])
 def test_both_forms_of_the_reductions_find_the_same_events(road_recordings: dict[str, Path], name: str) -> None:
     detector = ThesisDetector() if name == "thesis" else DETECTORS[name]
     hardest = [thin(read_log(road_recordings[one]).sensors[0], 128) for one in ("demo1", "grass_0_60", "cement_0_0.2")]

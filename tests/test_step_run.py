@@ -15,8 +15,8 @@ from step_samples import BINS, RANGE_M, echo, over_a_step, series
 from jaxradar.drive import SweepFlag
 from jaxradar.systems.step import (
     DETECTORS,
-    DefaultDetector,
     RangeAxis,
+    ShiftDetector,
     ThesisDetector,
     detect,
     event_weights,
@@ -95,7 +95,7 @@ def test_one_sweep_at_a_time_equals_the_scan(name: str) -> None:
 def test_events_in_a_batch_do_not_hang_on_its_order() -> None:
     sweeps, flags, dt, lengths = batch(64, 0)
     order = [2, 0, 3, 1]
-    runner = jax.jit(partial(run_batch, DefaultDetector(), AXIS))
+    runner = jax.jit(partial(run_batch, ShiftDetector(), AXIS))
     forwards, mixed = runner(sweeps, flags, dt, lengths), runner(sweeps[order], flags[order], dt[order], lengths[order])
     np.testing.assert_array_equal(np.asarray(forwards.event)[order], mixed.event)
     np.testing.assert_allclose(np.asarray(forwards.statistic)[order], mixed.statistic, atol=1e-6)
@@ -120,10 +120,10 @@ def test_retuning_never_recompiles() -> None:
     runner = eqx.filter_jit(eqx.debug.assert_max_traces(run, max_traces=1))
     inputs = (AXIS, log.sweeps, log.flags, time_steps(log.times_ns))
     for evidence in (0.1, 0.2, np.float64(0.3)):
-        runner(DefaultDetector(evidence=evidence), *inputs)
-    tuned = eqx.tree_at(lambda one: one.evidence, DefaultDetector(), jnp.asarray(0.99, jnp.float32))
+        runner(ShiftDetector(evidence=evidence), *inputs)
+    tuned = eqx.tree_at(lambda one: one.evidence, ShiftDetector(), jnp.asarray(0.99, jnp.float32))
     assert not runner(tuned, *inputs).event.any()
-    assert runner(DefaultDetector(), *inputs).event.any()
+    assert runner(ShiftDetector(), *inputs).event.any()
 
 
 def test_a_day_of_times_loses_nothing() -> None:
@@ -132,7 +132,7 @@ def test_a_day_of_times_loses_nothing() -> None:
     for offset_s in (86_400, 1_700_000_000):
         shifted = dataclasses.replace(late, times_ns=late.times_ns + offset_s * 1_000_000_000)
         np.testing.assert_array_equal(time_steps(shifted.times_ns), time_steps(late.times_ns))
-        for detector in (ThesisDetector(), DefaultDetector()):
+        for detector in (ThesisDetector(), ShiftDetector()):
             wanted = detect(detector, late)
             got = detect(detector, shifted)
             assert [event.sweep for event in got.events] == [event.sweep for event in wanted.events] == [30]
@@ -168,7 +168,7 @@ def test_gradient_through_a_whole_log_agrees_with_central_differences() -> None:
         sweeps = jnp.asarray(log.sweeps, jnp.float64)
 
         def total(window_s, sweeps):
-            tuned = eqx.tree_at(lambda one: one.window_s, DefaultDetector(), window_s)
+            tuned = eqx.tree_at(lambda one: one.window_s, ShiftDetector(), window_s)
             decisions = run(tuned, AXIS, sweeps, log.flags, time_steps(log.times_ns))
             return decisions.statistic.sum() + decisions.range_m.sum()
 
@@ -270,13 +270,13 @@ def test_thin_refuses_more_bins_than_there_are() -> None:
 
 @pytest.mark.long
 def test_soft_events_tend_to_the_hard_threshold_and_carry_its_gradient() -> None:
-    log, detector = over_a_step(), DefaultDetector()
+    log, detector = over_a_step(), ShiftDetector()
     decisions = jax.jit(run)(detector, AXIS, log.sweeps, log.flags, time_steps(log.times_ns))
     hard = np.asarray(decisions.statistic) > float(detector.evidence)
     assert hard.any()
     np.testing.assert_allclose(event_weights(detector, decisions, 1e-5), hard, atol=1e-6)
 
     def total(evidence):
-        return event_weights(DefaultDetector(evidence=evidence), decisions, 0.05).sum()
+        return event_weights(ShiftDetector(evidence=evidence), decisions, 0.05).sum()
 
     assert float(jax.grad(total)(jnp.asarray(0.16))) < -1.0  # a lower threshold, more detections

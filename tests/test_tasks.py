@@ -9,7 +9,7 @@ from jaxradar import pareto, sim
 from jaxradar.cli import frontier
 from jaxradar.estimate.bounds import coloured_bound_m, white_bound_m
 from jaxradar.signal.peaks import Parabola
-from jaxradar.systems.step import DETECTORS, DefaultDetector, load_detector
+from jaxradar.systems.step import DETECTORS, ShiftDetector, load_detector
 from jaxradar.tasks import TASKS, EchoRange, RadialSpeed, ScattererSpacing, StepDetection
 from jaxradar.tasks.noise import draw_recorded, recorded_covariance
 
@@ -151,7 +151,7 @@ def test_a_threshold_can_be_set_on_every_detector(name: str) -> None:
         assert float(detector.with_threshold(value).threshold) == pytest.approx(value)
     far = detector.with_threshold(1e9)
     assert float(far.threshold) < 1e9 or name in ("thesis", "range-rate")  # the nearest that it can have
-    default = DefaultDetector()
+    default = ShiftDetector()
     assert float(default.with_threshold(0.08).release) == pytest.approx(0.5 * float(default.release))
 
 

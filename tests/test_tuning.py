@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from jaxradar import ConfigError
 from jaxradar.drive import Channel, Drive, Motion, RoadStep, SensorSeries, SweepFlag, Truth
 from jaxradar.matching import MatchWindow, match_steps
-from jaxradar.systems.step import DefaultDetector, RangeRateDetector, run_batch
+from jaxradar.systems.step import RangeRateDetector, ShiftDetector, run_batch
 from jaxradar.tuning import Costs, Examples, Plan, Space, examples_of, smooth_outcome, tune
 
 AXIS = 0.2 + 0.01 * np.arange(40)
@@ -175,7 +175,7 @@ def test_it_tends_to_what_is_counted() -> None:
     [
         (RangeRateDetector(threshold_m_s=0.5), ("threshold_m_s", "exponent", "temperature")),
         pytest.param(
-            DefaultDetector(),
+            ShiftDetector(),
             ("evidence", "window_s", "over_floor", "template_m", "exponent", "most_unexplained"),
             marks=pytest.mark.long,
         ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -63,13 +64,15 @@ class Drawn:
 class Events:
     """What was detected, in columns: a detector that alarms at every sweep is kept in a few numbers each.
 
-    `time_s`, `range_m`, `strength`, `statistic`: float64, as in `StepEvent`. `sweep`: int64, its index in the log.
+    `time_s`, `range_m`, `strength`, `statistic`, `impact_in_s`: float64, as in `StepEvent`, the last NaN where it is
+    not known. `sweep`: int64, its index in the log.
     """
 
     time_s: np.ndarray
     range_m: np.ndarray
     strength: np.ndarray
     statistic: np.ndarray
+    impact_in_s: np.ndarray
     sweep: np.ndarray
     threshold: float
 
@@ -77,11 +80,10 @@ class Events:
         return len(self.time_s)
 
     def __iter__(self) -> Iterator[StepEvent]:
-        columns = (self.time_s, self.range_m, self.strength, self.statistic)
-        for time_s, range_m, strength, statistic, sweep in zip(
-            *(column.tolist() for column in columns), self.sweep.tolist(), strict=True
-        ):
-            yield StepEvent(time_s, range_m, strength, statistic, self.threshold, sweep)
+        columns = (self.time_s, self.range_m, self.strength, self.statistic, self.impact_in_s, self.sweep)
+        for *values, impact_in_s, sweep in zip(*(column.tolist() for column in columns), strict=True):
+            known = None if math.isnan(impact_in_s) else impact_in_s
+            yield StepEvent(*values, self.threshold, sweep, known)
 
 
 @dataclass(frozen=True, eq=False)

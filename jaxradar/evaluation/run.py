@@ -27,7 +27,7 @@ __all__ = ["evaluate", "evaluate_each", "evaluate_parts"]
 # Logs that a worker of a cluster goes through at a time: at most so many that its lanes are full most of that time, and
 # few enough that the workers end together.
 SHARD, SHARDS_A_WORKER = 256, 4
-_FIELDS = ("range_m", "strength", "statistic", "valid", "event")
+_FIELDS = ("range_m", "strength", "statistic", "impact_in_s", "valid", "event")
 
 
 @dataclasses.dataclass(eq=False)
@@ -88,9 +88,11 @@ def _sentence(error: JaxradarError | OSError) -> str:
 def _result(reading: _Reading, found: dict[str, Any], settings: Settings) -> SeriesResult:
     series = reading.part.series
     at = np.flatnonzero(found["event"])
+    impact_in_s = found["impact_in_s"][at].astype(np.float64)
     events = Events(
         time_s=series.times_ns[at] / NANOSECONDS,
         **{name: found[name][at].astype(np.float64) for name in ("range_m", "strength", "statistic")},
+        impact_in_s=np.where(impact_in_s > 0, impact_in_s, np.nan),
         sweep=reading.part.place(at),
         threshold=float(settings.detector.threshold),
     )

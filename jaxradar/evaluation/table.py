@@ -47,6 +47,7 @@ _EVENTS = pa.schema(
         ("statistic", pa.float64()),
         ("threshold", pa.float64()),
         ("sweep", pa.int64()),
+        ("impact_in_s", pa.float64()),
     ]
 )
 _STEPS = pa.schema(
@@ -126,6 +127,7 @@ class Evaluation:
                     **{name: getattr(one.events, name) for name in ("time_s", "range_m", "strength", "statistic")},
                     "threshold": pa.repeat(one.events.threshold, len(one.events)),
                     "sweep": one.events.sweep,
+                    "impact_in_s": pa.array(one.events.impact_in_s, from_pandas=True),
                 }
             ).cast(_EVENTS)
             for one in self.results

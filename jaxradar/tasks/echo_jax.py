@@ -14,7 +14,7 @@ from jaxradar._numerics import compiled
 from jaxradar.pareto import Candidate, Data, Program
 from jaxradar.signal.peaks import ArgMax, MatchedFilter, Parabola, PeakEstimator, SoftArgmax
 from jaxradar.signal.pulse_fit import PulseFit
-from jaxradar.systems.step import DefaultDetector, RangeAxis
+from jaxradar.systems.step import RangeAxis, ShiftDetector
 
 if TYPE_CHECKING:
     from jaxradar.tasks.echo import EchoInputs
@@ -38,7 +38,7 @@ def _taps(width: float, share: float) -> int:
 
 def _default(width: float, bin_m: float) -> PeakEstimator:
     # Its axis is only asked for the size of a bin and for how many there are.
-    return DefaultDetector().estimator(RangeAxis.of(bin_m * np.arange(4096)))
+    return ShiftDetector().estimator(RangeAxis.of(bin_m * np.arange(4096)))
 
 
 def _estimators(quick: bool) -> dict[str, Build]:
@@ -129,7 +129,7 @@ def _prepare(build: Build, dtype: str, thin: int, most: int | None, data: Data) 
     return Program(lambda: call(_batch, sweeps), len(sweeps), lambda: call(_single, one))
 
 
-def _observed(detector: DefaultDetector, axis: RangeAxis, sweep: Any) -> Any:
+def _observed(detector: ShiftDetector, axis: RangeAxis, sweep: Any) -> Any:
     return detector.observe(axis, sweep, jnp.uint16(0)).range_m
 
 
@@ -139,7 +139,7 @@ _observe_all, _observe = compiled(jax.vmap(_observed, in_axes=(None, None, 0))),
 def _prepare_default(data: Data) -> Program:
     """The default detector's whole look at a sweep: cells, floor, selection, refinement, validity."""
     inputs: EchoInputs = data.inputs
-    detector, sweeps = DefaultDetector(), jnp.asarray(inputs.sweeps)
+    detector, sweeps = ShiftDetector(), jnp.asarray(inputs.sweeps)
     axis = RangeAxis.of(inputs.bin_m * np.arange(sweeps.shape[1]))
     one = sweeps[len(sweeps) // 2]
     return Program(lambda: _observe_all(detector, axis, sweeps), data.items, lambda: _observe(detector, axis, one))

@@ -16,9 +16,11 @@ from jaxradar.matching import MatchWindow, match_steps
 from jaxradar.pareto import Candidate, Case, Data, Estimate, Program, Score, Task, percentile, proportion, rate
 from jaxradar.sim import SURFACES, RoadScene, StepUp, drive_seeds, held_out_seeds, load_scene, simulate_batch
 from jaxradar.systems.step import (
+    ApproachDetector,
     DefaultDetector,
     LabLiveDetector,
     RangeRateDetector,
+    ShiftDetector,
     StepDetector,
     SweepBatch,
     ThesisDetector,
@@ -128,6 +130,8 @@ class StepDetection(Task):
     def candidates(self, quick: bool = False) -> Sequence[Candidate]:
         held: dict[str, StepDetector[Any, Any]] = {
             "default": DefaultDetector(),
+            "shift": ShiftDetector(),
+            "approach": ApproachDetector(),
             "thesis": ThesisDetector(),
             "range-rate, soft-argmax": RangeRateDetector(),
         }
@@ -137,8 +141,8 @@ class StepDetection(Task):
                 "range-rate, parabola": RangeRateDetector(peak="parabola"),
                 "range-rate, matched filter": RangeRateDetector(peak="matched filter"),
                 "lab-live": LabLiveDetector(),
-                "default, cells of 10 mm": DefaultDetector(cell_m=0.01),
-                "default, cells of 40 mm": DefaultDetector(cell_m=0.04),
+                "shift, cells of 10 mm": ShiftDetector(cell_m=0.01),
+                "shift, cells of 40 mm": ShiftDetector(cell_m=0.04),
             }
         return [self.candidate(name, one) for name, one in held.items()]
 

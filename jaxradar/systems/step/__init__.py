@@ -1,5 +1,6 @@
 """Road steps out of radar sweeps: the thesis's rule, the lab's live alarm, and the detector to use."""
 
+from jaxradar.systems.step.approach import ApproachDetector
 from jaxradar.systems.step.batch import detect_batch
 from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector
 from jaxradar.systems.step.default import DefaultDetector
@@ -17,11 +18,13 @@ from jaxradar.systems.step.pipeline import (
 )
 from jaxradar.systems.step.range_rate import RangeRateDetector
 from jaxradar.systems.step.result import StepEvent, StepTrace
+from jaxradar.systems.step.shift import ShiftDetector
 from jaxradar.systems.step.stack import SweepBatch, stack
 from jaxradar.systems.step.thesis import ThesisDetector
 
 __all__ = [
     "DETECTORS",
+    "ApproachDetector",
     "Decision",
     "DefaultDetector",
     "DetectorFile",
@@ -29,6 +32,7 @@ __all__ = [
     "MotionSample",
     "RangeAxis",
     "RangeRateDetector",
+    "ShiftDetector",
     "StepDetector",
     "StepEvent",
     "StepTrace",

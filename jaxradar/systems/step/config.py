@@ -90,12 +90,14 @@ class Decision(eqx.Module):
     """What a detector says of one sweep; the fields are those of `StepTrace`, `event` is a detection.
 
     Nothing here is ever NaN: where `valid` is false, the range is the last one known and the rest is 0.
+    `impact_in_s`: until a front wheel touches what is coming, 0 of a detector that does not know.
     """
 
     range_m: Scalar
     speed_m_s: Scalar
     strength: Scalar
     statistic: Scalar
+    impact_in_s: Scalar
     valid: Flag
     saturated: Flag
     event: Flag

@@ -3,7 +3,11 @@
 ```toml
 format = 1
 detector = "default"
-evidence = 0.12          # any setting of the detector; those that are left out keep their default
+refractory_s = 0.3       # any setting of the detector; those that are left out keep their default
+shift = false            # a part of the detector that is off
+
+[approach]               # settings of a part
+evidence = 19.0
 
 [mounting]               # optional
 height_m = 0.35
@@ -25,20 +29,30 @@ from typing import Any
 import numpy as np
 
 from jaxradar._errors import ConfigError
-from jaxradar._settings import declared, read_settings, settings_lines
+from jaxradar._settings import Settings, declared, parts, read_settings, settings_lines
 from jaxradar._toml import check_keys, nearest, read_toml, toml_line, toml_value
 from jaxradar.drive import Mounting
+from jaxradar.systems.step.approach import ApproachDetector
 from jaxradar.systems.step.config import StepDetector
 from jaxradar.systems.step.default import DefaultDetector
 from jaxradar.systems.step.lab_live import LabLiveDetector
 from jaxradar.systems.step.range_rate import RangeRateDetector
+from jaxradar.systems.step.shift import ShiftDetector
 from jaxradar.systems.step.thesis import ThesisDetector
 
 __all__ = ["DETECTORS", "DetectorFile", "dump_detector", "load_detector"]
 
 FORMAT = 1
 DETECTORS: dict[str, type[StepDetector[Any, Any]]] = {
-    kind.name: kind for kind in (ThesisDetector, LabLiveDetector, RangeRateDetector, DefaultDetector)
+    kind.name: kind
+    for kind in (
+        ThesisDetector,
+        LabLiveDetector,
+        RangeRateDetector,
+        ShiftDetector,
+        ApproachDetector,
+        DefaultDetector,
+    )
 }
 
 
@@ -52,7 +66,7 @@ class DetectorFile:
 
 
 def load_detector(name_or_path: str | PathLike[str]) -> DetectorFile:
-    """A detector by its name (`default`, `thesis`, `range-rate`, `lab-live`) or from a TOML file.
+    """A detector by its name (a key of `DETECTORS`) or from a TOML file.
 
     Raises `ConfigError` for an unknown name, an unreadable file, an unknown key (naming the nearest known one), a
     value of the wrong type or outside its bounds.
@@ -77,9 +91,12 @@ def _parse(path: str, tables: dict[str, Any]) -> DetectorFile:
         )
     kind = DETECTORS[name]
     settings = declared(kind)
-    check_keys(path, tables, ["format", "detector", *settings, "mounting", "provenance"], f"the detector `{name}`")
+    inner = parts(kind)
+    known = ["format", "detector", *settings, *inner, "mounting", "provenance"]
+    check_keys(path, tables, known, f"the detector `{name}`")
     held = {key: value for key, value in tables.items() if key in settings}
     values = read_settings(path, kind, held, f"the detector `{name}`")
+    values |= {key: _part(path, key, getattr(kind(), key), tables[key]) for key in inner if key in tables}
     try:
         detector = kind(**values)
     except ValueError as error:
@@ -105,6 +122,18 @@ def _parse(path: str, tables: dict[str, Any]) -> DetectorFile:
     return DetectorFile(detector, mounting, provenance)
 
 
+def _part(path: str, key: str, base: Settings, given: Any) -> Settings | None:
+    """A part of a detector, with the settings that a file gives; false switches it off."""
+    if given is False:
+        return None
+    if not isinstance(given, dict):
+        raise ConfigError(f"{path}: `{key}` must be a table of settings, or false; got {given!r}.")
+    try:
+        return dataclasses.replace(base, **read_settings(path, type(base), given, f"[{key}]"))
+    except ValueError as error:
+        raise ConfigError(f"{path}: [{key}]: {error}") from None
+
+
 def _table(path: str, tables: dict[str, Any], key: str) -> dict[str, Any]:
     table = tables.get(key, {})
     if not isinstance(table, dict):
@@ -119,6 +148,10 @@ def dump_detector(file: DetectorFile | str) -> str:
     detector = file.detector
     lines = [toml_line("format", FORMAT), toml_line("detector", detector.name), ""]
     lines += settings_lines(detector)
+    held = {key: getattr(detector, key) for key in parts(type(detector))}
+    lines += [toml_line(key, False) for key, one in held.items() if one is None]
+    for key, one in held.items():
+        lines += [] if one is None else ["", f"[{key}]", *settings_lines(one)]
     if file.mounting is not None:
         lines += ["", "[mounting]"]
         lines += [toml_line(key, value) for key, value in vars(file.mounting).items() if value is not None]

@@ -110,6 +110,7 @@ class LabLiveDetector(StepDetector[SweepPeak, LabLiveState]):
             speed_m_s=speed,
             strength=observation.strength,
             statistic=nearness,
+            impact_in_s=jnp.zeros_like(distance),
             valid=held,
             saturated=observation.saturated,
             event=near & ~state.near,

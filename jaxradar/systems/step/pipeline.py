@@ -148,6 +148,7 @@ def _events_of(
             statistic=float(found["statistic"][i]),
             threshold=threshold,
             sweep=int(i),
+            impact_in_s=float(found["impact_in_s"][i]) or None,
         )
         for i in np.flatnonzero(found["event"])
     )
@@ -164,6 +165,7 @@ def trace_of(detector: StepDetector[Any, Any], series: SensorSeries, host: Mappi
         speed_m_s=np.where(valid, host["speed_m_s"], np.nan),
         strength=host["strength"],
         statistic=host["statistic"],
+        impact_in_s=host["impact_in_s"],
         valid=valid,
         saturated=host["saturated"],
         threshold=float(detector.threshold),

@@ -157,6 +157,7 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
             speed_m_s=speed,
             strength=now.strength,
             statistic=statistic,
+            impact_in_s=jnp.zeros_like(speed),
             valid=now.valid,
             saturated=now.saturated,
             event=known & (statistic > self.threshold_m_s),

@@ -11,9 +11,9 @@ from step_samples import BINS, RANGE_M, echo, over_a_step, series
 from jaxradar.drive import SensorSeries, SweepFlag
 from jaxradar.logs import read_log
 from jaxradar.sim.inject import inject_step, retimed
-from jaxradar.systems.step import DefaultDetector, detect
+from jaxradar.systems.step import ShiftDetector, detect
 
-DEFAULT = DefaultDetector()
+DEFAULT = ShiftDetector()
 
 
 @pytest.mark.parametrize("shift_m", [-0.08, -0.03, -0.015, 0.02, 0.05])
@@ -175,7 +175,7 @@ def test_a_higher_gate_keeps_out_the_noise_of_sweeps_that_were_not_averaged(road
     log = read_log(road_recordings["demo1"]).sensors[0]
     raw = log.sweeps.astype(np.float64)
     raw[1:] = (raw[1:] - 0.7 * raw[:-1]) / 0.3
-    trace = detect(DefaultDetector(over_floor=1.0), dataclasses.replace(log, sweeps=np.maximum(raw, 0.0)))
+    trace = detect(ShiftDetector(over_floor=1.0), dataclasses.replace(log, sweeps=np.maximum(raw, 0.0)))
     gone = (trace.times_s > 6.3) & (trace.times_s < 7.6)
     assert not trace.valid[gone].any()
     assert not [event for event in trace.events if 6.3 < event.time_s < 7.6]
@@ -212,7 +212,7 @@ def test_fine_and_coarse_bins_give_the_same_answer() -> None:
 def test_exponent_chooses_the_farther_of_two_equal_echoes() -> None:
     log = series([echo(0.35).astype(int) + echo(0.7, 1900) - 100])
     assert detect(DEFAULT, log).range_m[0] == pytest.approx(0.35, abs=0.003)
-    assert detect(DefaultDetector(exponent=2.0), log).range_m[0] == pytest.approx(0.7, abs=0.003)
+    assert detect(ShiftDetector(exponent=2.0), log).range_m[0] == pytest.approx(0.7, abs=0.003)
 
 
 def test_standing_recordings_raise_nothing_and_injected_steps_are_seen(road_recordings) -> None:

@@ -1,4 +1,4 @@
-"""The default detector over a block: what is costly is done for all sweeps at once, what remembers one by one."""
+"""The shift detector over a block: what is costly is done for all sweeps at once, what remembers one by one."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from jaxradar._numerics import finite, reductions, row_major
 from jaxradar.signal.clutter import subtract_floor
 from jaxradar.signal.peaks import window_at
 from jaxradar.systems.step.config import BlockSweeps, Decision, RangeAxis, each_sweep, is_saturated
-from jaxradar.systems.step.default_states import DefaultState, Followed
+from jaxradar.systems.step.shift_states import Followed, ShiftState
 
 if TYPE_CHECKING:
-    from jaxradar.systems.step.default import DefaultDetector
+    from jaxradar.systems.step.shift import ShiftDetector
 
 __all__ = ["follow_block"]
 
 
 def follow_block(
-    detector: DefaultDetector,
+    detector: ShiftDetector,
     axis: RangeAxis,
-    state: DefaultState,
+    state: ShiftState,
     sweeps: BlockSweeps,
     flags: UInt[Array, "logs sweeps"],
     dt: Float[Array, "logs sweeps"],
-) -> tuple[DefaultState, Decision]:
+) -> tuple[ShiftState, Decision]:
     """`StepDetector.follow` with the steps of `observe` and `track` of all sweeps side by side.
 
     Except where the sweeps are read as recorded, the logs are the last axis of all arrays, so that they fill the
@@ -60,12 +60,12 @@ def follow_block(
         shifts = jax.tree.map(row_major, _by_step_and_log(partial(detector.compare, axis))(seen, recalled))
         by_step = (jnp.arange(cells.shape[1]), selected.floor.level, seen, recalled, shifts, steps)
         echo, decisions = jax.lax.scan(partial(_follow_echo, detector, axis, cells), state.echo, by_step)
-    after = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), DefaultState(memory, echo))
+    after = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), ShiftState(memory, echo))
     return after, jax.tree.map(jnp.transpose, decisions)
 
 
 def _follow_echo(
-    detector: DefaultDetector, axis: RangeAxis, cells: Array, echo: Followed, now: Any
+    detector: ShiftDetector, axis: RangeAxis, cells: Array, echo: Followed, now: Any
 ) -> tuple[Followed, Decision]:
     """One step of time for all logs, with the few cells that it needs read where those of a sweep lie together.
 
@@ -79,7 +79,7 @@ def _follow_echo(
     return _by_log(partial(detector.decide, axis))(echo, seen, recalled, evidence, around, dt)
 
 
-def _with_clipped_tops(detector: DefaultDetector, sweeps: Array, flags: Array, refined: Array) -> Array:
+def _with_clipped_tops(detector: ShiftDetector, sweeps: Array, flags: Array, refined: Array) -> Array:
     clipped, middle = each_sweep(detector.clipped_top)(sweeps, flags)
     return jnp.where(clipped, middle, refined)
 

@@ -1,4 +1,4 @@
-"""What the default detector sees of one sweep, and what it remembers from one to the next."""
+"""What the shift detector sees of one sweep, and what it remembers from one to the next."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from jaxradar._types import Counts, Flag, Index, Scalar
 from jaxradar.signal.clutter import NoiseFloor
 
 __all__ = [
-    "DefaultState",
     "Evidence",
     "Followed",
     "Memory",
     "ProfileObservation",
     "Recalled",
     "SelectedEcho",
+    "ShiftState",
 ]
 
 
@@ -74,17 +74,20 @@ class Evidence(eqx.Module):
 class Followed(eqx.Module):
     """`range_m`: the followed echo now; `reference_m`: its range in the memory's profile. `age_s`: time since the
     track began; `lost_s`: how long another echo has been clearly stronger; `quiet_s`: time since the last detection;
-    `armed`: whether the evidence has been low since then."""
+    `still_s`: how long the evidence has been low, `jumping_s`: since it rose out of such stillness; `armed`: whether
+    the evidence has been low since the last detection."""
 
     range_m: Scalar
     reference_m: Scalar
     age_s: Scalar
     lost_s: Scalar
     quiet_s: Scalar
+    still_s: Scalar
+    jumping_s: Scalar
     armed: Flag
 
 
-class DefaultState(eqx.Module):
+class ShiftState(eqx.Module):
     """What is remembered of the profiles, and of the echo that is followed in them. The second never changes the
     first, so that a block of sweeps is compared with its references all at once."""
 

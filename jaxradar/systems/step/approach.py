@@ -1,0 +1,422 @@
+"""The corner of a step closes in on the car along a track that geometry knows: what looks faint in one sweep adds up.
+
+The foot of a step's face, x ahead of the sensor's foot, is seen at the slant range r = √(H² + x²), and x shrinks by the
+way that the car goes. A road's own echoes, speckle, lie on such tracks too, but their amplitude is another one after
+some centimetres; a corner stays bright. So evidence is gathered along the tracks of a bank of speeds before anything is
+decided (track before detect: Tonissen and Bar-Shalom, IEEE Trans. AES 34, 1998; here with a CUSUM on each track).
+
+The evidence. The amplitude of noise and speckle, over its own root mean square, is Rayleigh distributed, and
+
+    s = γ a − c(γ),  c(γ) = ln E[e^(γ a)] = ln(1 + ½ √π γ e^(γ²/4) (1 + erf(γ/2)))
+
+is the logarithm of a likelihood ratio, against the Rayleigh density tilted by e^(γ a): E[e^s] = 1 where there is no
+corner, so that a sum of s along a track, begun anywhere, ever exceeds h with a probability of at most e^(−h) (Ville,
+Étude critique de la notion de collectif, 1939). Whoever counts the places where a track may begin knows a threshold.
+Sweeps closer than the speckle's length say the same twice: each counts as a part, and E[e^(ws)] <= 1 for w <= 1.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, UInt
+
+from jaxradar._numerics import finite, row_major, tree
+from jaxradar._settings import bounded, setting, shape_setting
+from jaxradar._types import Flags, RawSweep, Scalar, Setting
+from jaxradar.systems.step.config import (
+    BlockSweeps,
+    Decision,
+    MotionSample,
+    RangeAxis,
+    StepDetector,
+    each_sweep,
+    is_saturated,
+    usable,
+)
+
+__all__ = ["ApproachDetector", "ApproachObservation", "ApproachState", "CornerTrack"]
+
+# Of one log, or of many side by side as a last axis.
+Cells = Float[Array, "cells *logs"]
+Bank = Float[Array, "speeds places *logs"]
+Places = Float[Array, "places *logs"]
+Speeds = Float[Array, "speeds *logs"]
+Numbers = Float[Array, "*logs"]
+Truths = Bool[Array, "*logs"]
+
+LONGEST_JUMP = 6  # places that evidence may move on within one sweep: 125 mm at 45 km/h and 100 Hz are three
+
+
+class ApproachObservation(eqx.Module):
+    """One sweep as the mean amplitudes of range cells, in counts; `strength`: the largest of them."""
+
+    cells: Cells
+    strength: Numbers
+    valid: Truths
+    saturated: Truths
+
+
+class Echoes(eqx.Module):
+    """`power`: running mean square of each cell. `age_s`: time since the track began, `gap_s`: since the last valid
+    sweep. `tracking`: whether there is anything to go on from."""
+
+    power: Cells
+    age_s: Numbers
+    gap_s: Numbers
+    tracking: Truths
+
+
+class Gathered(eqx.Module):
+    """`evidence`: of each track, by speed and place; `travel`: how far each speed has gone on since its evidence was
+    moved, in places."""
+
+    evidence: Bank
+    travel: Speeds
+
+
+class Alarm(eqx.Module):
+    """`quiet_s`: time since the last detection; `armed`: whether the evidence has been low since then."""
+
+    quiet_s: Numbers
+    armed: Truths
+
+
+class ApproachState(eqx.Module):
+    """What is remembered of the echoes, of the tracks, and of the detections; none but the last looks at it."""
+
+    echoes: Echoes
+    gathered: Gathered
+    alarm: Alarm
+
+
+class Seen(NamedTuple):
+    """One sweep beside those before it: amplitude and expected power at each place, the power of the noise; `goes_on`:
+    whether it is later than another of its track, and how much; `counts`: whether it adds to the evidence."""
+
+    amplitude: Places
+    expected: Places
+    noise: Numbers
+    goes_on: Truths
+    counts: Truths
+    elapsed_s: Numbers
+    age_s: Numbers
+
+
+class CornerTrack(NamedTuple):
+    """The track with the most evidence: how far ahead of the sensor's foot the corner is, its slant range, and the
+    speed at which it closes in."""
+
+    ahead_m: Numbers
+    range_m: Numbers
+    speed_m_s: Numbers
+
+
+class Told(NamedTuple):
+    """What of a sweep a decision hangs on beside the evidence."""
+
+    strength: Numbers
+    valid: Truths
+    saturated: Truths
+    counts: Truths
+    age_s: Numbers
+
+    @classmethod
+    def of(cls, observation: ApproachObservation, seen: Seen) -> Told:
+        return cls(observation.strength, observation.valid, observation.saturated, seen.counts, seen.age_s)
+
+
+class _Tracks(NamedTuple):
+    """What of a bank does not change. `at` picks the places out of the cells, between the two that are nearest, and
+    `around` means over the cells around them, as products: what picks rows one by one is slower. `tilt` and `cost` are
+    γ and c(γ) there, `inside` whether the sensor sees it."""
+
+    ahead_m: Places
+    at: Float[Array, "places cells"]
+    around: Float[Array, "places cells"]
+    tilt: Places
+    cost: Places
+    inside: Array
+    speeds: Speeds
+
+
+class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
+    """Track before detect: the bright corner of a step, followed along the road over a bank of speeds and places.
+
+    Each sweep is averaged into range cells and divided by the root of their running mean square, or of that of the
+    cells around where theirs is much smaller (a car that has just pulled away still holds the fades of where it stood).
+    What a place of the road adds to the evidence of a track is s (see the module), for the whole sweep where noise
+    makes the echo, and for the share v Δt/`look_m` of it where the road does. The tilt γ grows from `tilt_far` to
+    `tilt_near`, as a corner does on its way. Evidence never falls below 0. A detection is evidence above `evidence`, on
+    any track; hysteresis and a refractory time make one detection of one step.
+
+    It needs neither the speed nor more than about the height of the sensor. A step down has no corner, and is not seen.
+    """
+
+    name: ClassVar[str] = "approach"
+    statistic_name: ClassVar[str] = "evidence of a corner"
+    statistic_unit: ClassVar[str] = "nats"
+
+    evidence: Setting = setting(18.0, 0.0, 1e3, "nats", "evidence on a track above this is a step")
+    release: Setting = setting(0.5, 0.0, 1.0, "", "it must fall below this share of it before the next detection")
+    tilt_far: Setting = setting(1.5, 0.0, 10.0, "", "what an amplitude weighs at the farthest place, γ")
+    tilt_near: Setting = setting(3.0, 0.0, 10.0, "", "and at the nearest")
+    look_m: Setting = setting(0.05, 1e-4, 1.0, "m", "the road's speckle is another one after so much of the way")
+    noise_share: Setting = setting(1.3, 0.0, 10.0, "", "noise is so many times the power of the quietest cell")
+    reference_s: Setting = setting(0.4, 1e-2, 60.0, "s", "time constant of the mean square that amplitudes are held to")
+    fade_share: Setting = setting(0.6, 0.0, 1.0, "", "it is not below this share of that of the cells around")
+    settle_s: Setting = setting(0.15, 0.0, 10.0, "s", "no detection so soon after a track has begun")
+    refractory_s: Setting = setting(0.2, 0.0, 10.0, "s", "no second detection so soon after one")
+    longest_gap_s: Setting = setting(0.3, 1e-3, 10.0, "s", "a longer time between valid sweeps begins anew")
+    height_m: Setting = setting(0.35, 0.02, 10.0, "m", "of the sensor over the road")
+    front_wheel_m: Setting = setting(0.15, -5.0, 10.0, "m", "how far the front axle lies behind the sensor")
+    contact_m: Setting = setting(0.1, 0.0, 1.0, "m", "a tyre touches a step so far ahead of its axle")
+    slowest_m_s: Setting = setting(2.5, 0.1, 100.0, "m/s", "of the speeds of the bank")
+    fastest_m_s: Setting = setting(12.5, 0.1, 100.0, "m/s", "of the speeds of the bank")
+    farthest_m: Setting = setting(0.92, 0.05, 100.0, "m", "where tracks begin, ahead of the sensor's foot")
+    speeds: int = shape_setting(9, 1, 1000, "", "number of speeds, evenly spaced in their logarithm")
+    places: int = shape_setting(18, 2, 1000, "", "number of places of each track")
+    place_m: float = shape_setting(0.04, 1e-3, 1.0, "m", "distance of two places")
+    cell_m: float = shape_setting(0.02, 2e-3, 1.0, "m", "size of a range cell")
+    around_m: float = shape_setting(0.1, 1e-3, 10.0, "m", "width of the cells around")
+
+    @property
+    def threshold(self) -> Setting:
+        return self.evidence
+
+    def with_threshold(self, value: float) -> ApproachDetector:
+        return bounded(self, evidence=value)
+
+    @classmethod
+    def from_false_alarm_rate(cls, per_hour: float = 1.0, *, rate_hz: float, **settings: Any) -> ApproachDetector:
+        """With the threshold from theory: at most so many false alarms an hour where noise and speckle are Rayleigh
+        distributed, and independent from look to look.
+
+        ln(places at which evidence may begin in an hour / `per_hour`), by Ville's inequality for each of them: an upper
+        bound, as neighbouring tracks share most of what they see. Raises `ValueError` for a rate that is not above 0.
+        """
+        if not (0 < per_hour < math.inf and 0 < rate_hz < math.inf):
+            raise ValueError(f"`per_hour` and `rate_hz` must be above 0 and finite; got {per_hour} and {rate_hz}.")
+        if "evidence" in settings:
+            raise ValueError("`evidence` follows from the rate of false alarms; leave it out.")
+        made = cls(**settings)
+        return bounded(made, evidence=math.log(3600.0 * rate_hz * made.speeds * made.places / per_hour))
+
+    def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> ApproachObservation:
+        return self.observed(axis.averaged(finite(sweep), self.bins_per_cell(axis)), flags)
+
+    def observed(self, cells: Cells, flags: UInt[Array | np.ndarray, "*logs"]) -> ApproachObservation:
+        """One sweep out of its cells."""
+        strength = _largest_row(cells)
+        return ApproachObservation(cells, strength, usable(flags) & (strength > 0), is_saturated(flags))
+
+    def init(self, axis: RangeAxis) -> ApproachState:
+        zero, no = jnp.zeros(()), jnp.zeros((), bool)
+        return ApproachState(
+            Echoes(jnp.zeros(axis.bins // self.bins_per_cell(axis)), zero, zero, no),
+            Gathered(jnp.zeros((self.speeds, self.places)), jnp.zeros(self.speeds)),
+            Alarm(zero, ~no),
+        )
+
+    def track(
+        self,
+        axis: RangeAxis,
+        state: ApproachState,
+        observation: ApproachObservation,
+        motion: MotionSample | None,
+        dt: Scalar,
+    ) -> tuple[ApproachState, Decision]:
+        tracks = self.tracks(axis)
+        echoes, seen = self.look(tracks, state.echoes, observation, dt)
+        gathered, statistic, corner = self.gather(tracks, state.gathered, seen, *self.weigh(tracks, seen), motion)
+        alarm, decision = self.decide(state.alarm, Told.of(observation, seen), statistic, corner, dt)
+        return ApproachState(echoes, gathered, alarm), decision
+
+    def follow(
+        self,
+        axis: RangeAxis,
+        state: ApproachState,
+        sweeps: BlockSweeps,
+        flags: UInt[Array, "logs sweeps"],
+        dt: Float[Array, "logs sweeps"],
+    ) -> tuple[ApproachState, Decision]:
+        # All logs side by side as the last axis, not by `vmap`, which would put them first wherever rows are picked;
+        # and stage by stage, as the compiler works out again in each loop what several loops are made of.
+        cells = row_major(each_sweep(lambda sweep: axis.averaged(finite(sweep), self.bins_per_cell(axis)))(sweeps()))
+        cells, flags, dt = row_major(jnp.transpose(cells, (1, 2, 0))), row_major(flags.T), row_major(dt.T)
+        state = jax.tree.map(lambda leaf: row_major(jnp.moveaxis(leaf, 0, -1)), state)
+        tracks = self.tracks(axis)
+        observed = jax.vmap(self.observed)(cells, flags)
+        echoes, seen = jax.lax.scan(lambda held, now: self.look(tracks, held, *now), state.echoes, (observed, dt))
+        weighed = jax.vmap(lambda one: self.weigh(tracks, one))(seen)
+
+        def gather(held: Gathered, now: Any) -> tuple[Gathered, Any]:
+            held, *found = self.gather(tracks, held, now[0], *now[1], None)
+            return held, found
+
+        gathered, (statistic, corner) = jax.lax.scan(gather, state.gathered, (seen, weighed))
+        decide = jax.vmap(self.decide)
+        alarm, decisions = jax.lax.scan(
+            lambda held, now: decide(held, *now),
+            state.alarm,
+            (Told.of(observed, seen), statistic, corner, dt),
+        )
+        after = ApproachState(echoes, gathered, alarm)
+        return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), after), jax.tree.map(jnp.transpose, decisions)
+
+    def bins_per_cell(self, axis: RangeAxis) -> int:
+        """At least two cells."""
+        return max(1, min(round(self.cell_m / axis.bin_m), axis.bins // 2))
+
+    def tracks(self, axis: RangeAxis) -> _Tracks:
+        """The bank's places and speeds on a range axis."""
+        per_cell = self.bins_per_cell(axis)
+        centres = axis.averaged(jnp.asarray(axis.range_m), per_cell)
+        cells = centres.shape[0]
+        ahead = jnp.asarray(self.farthest_m, float) - self.place_m * jnp.arange(self.places)
+        range_m = jnp.sqrt(jnp.asarray(self.height_m, float) ** 2 + ahead**2)
+        place = (range_m - centres[0]) * ((cells - 1) / (centres[-1] - centres[0]))
+        inside = (place >= 0) & (place <= cells - 1) & (ahead > 0)
+        # Linear between neighbours.
+        at = jnp.maximum(1.0 - jnp.abs(jnp.clip(place, 0.0, cells - 1.0)[:, None] - jnp.arange(cells)), 0.0)
+        around = at @ _means_around(cells, max(1, round(0.5 * self.around_m / (per_cell * axis.bin_m))))
+        along = jnp.arange(self.places) / (self.places - 1)
+        tilt = jnp.asarray(self.tilt_far, float) + (self.tilt_near - jnp.asarray(self.tilt_far, float)) * along
+        ratio = jnp.asarray(self.fastest_m_s, float) / self.slowest_m_s
+        speeds = self.slowest_m_s * ratio ** (jnp.arange(self.speeds) / max(self.speeds - 1, 1))
+        return _Tracks(ahead, at, around, tilt, _cost(tilt), inside, speeds)
+
+    def look(
+        self, tracks: _Tracks, state: Echoes, observation: ApproachObservation, dt: Numbers
+    ) -> tuple[Echoes, Seen]:
+        """Hold a sweep to those before it. Of one log, or of many as a last axis of everything; and so the others."""
+        gap = state.gap_s + dt
+        tracking = state.tracking & (jnp.abs(gap) <= self.longest_gap_s)
+        goes_on, fresh = observation.valid & tracking, observation.valid & ~tracking
+        elapsed = jnp.where(tracking, jnp.maximum(dt, 0.0), 0.0)
+        age = jnp.where(fresh, 0.0, state.age_s + elapsed)
+        now = observation.cells**2
+        before = jnp.where(fresh, now, state.power)
+        # A plain mean at first, a running one later.
+        since = jnp.maximum(gap, 0.0)
+        forgets = -jnp.expm1(-since / jnp.minimum(self.reference_s, age + 1e-6))
+        after = Echoes(
+            power=before + jnp.where(goes_on, forgets, 0.0) * (now - before),
+            age_s=age,
+            gap_s=jnp.where(observation.valid, 0.0, gap),
+            tracking=tracking | observation.valid,
+        )
+        expected = jnp.maximum(tracks.at @ before, self.fade_share * (tracks.around @ before))
+        return after, Seen(
+            amplitude=tracks.at @ observation.cells,
+            expected=expected,
+            noise=self.noise_share * -_largest_row(-before),
+            goes_on=tracking,
+            counts=goes_on,
+            elapsed_s=elapsed,
+            age_s=age,
+        )
+
+    def weigh(self, tracks: _Tracks, seen: Seen) -> tuple[Places, Places]:
+        """What each place adds to the evidence of a whole look, and how long a look is there in metres."""
+        some = seen.expected > 0
+        inverse = 1.0 / jnp.where(some, seen.expected, 1.0)
+        over = partial(_over, logs=seen.noise)
+        score = over(tracks.tilt) * seen.amplitude * jnp.sqrt(inverse) - over(tracks.cost)
+        score = jnp.where(seen.counts & over(tracks.inside) & some, score, 0.0)
+        return score, jnp.maximum(self.look_m * (1.0 - seen.noise * inverse), 1e-5)
+
+    def gather(
+        self, tracks: _Tracks, state: Gathered, seen: Seen, score: Places, look_m: Places, motion: MotionSample | None
+    ) -> tuple[Gathered, Numbers, CornerTrack]:
+        """Move the evidence on and add to it; the most there is on a track, and that track."""
+        speeds = _over(tracks.speeds, seen.noise)
+        evidence, travel = _moved_on(state.evidence, state.travel, speeds * (seen.elapsed_s / self.place_m))
+        # Where the road makes the echo a sweep is a part of a look; where noise does, each sweep is one.
+        share = jnp.minimum((speeds * seen.elapsed_s)[:, None] / look_m, 1.0)
+        evidence = jnp.maximum(jnp.where(seen.goes_on, evidence, 0.0) + share * score, 0.0)
+        if motion is not None:
+            off = jnp.abs(speeds - motion.speed_m_s) > 0.25 * jnp.abs(motion.speed_m_s) + 0.3
+            evidence = jnp.where((motion.speed_known & off)[:, None], 0.0, evidence)
+        evidence = jax.lax.optimization_barrier(evidence)
+        most = _largest_row(tree([evidence[:, place] for place in range(self.places)], jnp.maximum))
+        after = Gathered(evidence, jnp.where(seen.goes_on, travel, 0.0))
+        return after, most, self.best(tracks, after)
+
+    def best(self, tracks: _Tracks, state: Gathered) -> CornerTrack:
+        """The track with the most evidence."""
+        found = jnp.argmax(state.evidence.reshape(-1, *state.evidence.shape[2:]), axis=0)
+        speed, place = found // self.places, found % self.places
+        travel = jnp.take_along_axis(state.travel, speed[None], axis=0)[0]
+        ahead = tracks.ahead_m[place] - self.place_m * travel
+        return CornerTrack(ahead, jnp.sqrt(jnp.asarray(self.height_m, float) ** 2 + ahead**2), tracks.speeds[speed])
+
+    def decide(
+        self,
+        state: Alarm,
+        told: Told,
+        statistic: Scalar,
+        corner: CornerTrack,
+        dt: Scalar,
+    ) -> tuple[Alarm, Decision]:
+        """Whether that is a detection."""
+        quiet = state.quiet_s + jnp.maximum(dt, 0.0)
+        event = told.counts & (told.age_s >= self.settle_s) & state.armed & (statistic > self.evidence)
+        rearmed = (statistic < self.release * self.evidence) & (quiet >= self.refractory_s)
+        valid = told.valid
+        way = corner.ahead_m + self.front_wheel_m - self.contact_m
+        return Alarm(jnp.where(event, 0.0, quiet), ~event & (state.armed | rearmed)), Decision(
+            range_m=corner.range_m,
+            speed_m_s=jnp.where(valid & (statistic > 0), -corner.speed_m_s * corner.ahead_m / corner.range_m, 0.0),
+            strength=jnp.where(valid, told.strength, 0.0),
+            statistic=jnp.where(valid, statistic, 0.0),
+            impact_in_s=jnp.where(valid & (statistic > 0), jnp.maximum(way / corner.speed_m_s, 0.0), 0.0),
+            valid=valid,
+            saturated=told.saturated,
+            event=event,
+        )
+
+
+def _cost(tilt: Places) -> Places:
+    """c(γ), see the module; e^(γ²/4), which overflows for large γ, taken out of the logarithm."""
+    factor = 0.5 * math.sqrt(math.pi) * tilt * (1.0 + jax.scipy.special.erf(0.5 * tilt))
+    return 0.25 * tilt**2 + jnp.log(jnp.exp(-0.25 * tilt**2) + factor)
+
+
+def _over(values: Array, logs: Numbers) -> Array:
+    """Values along a first axis, the same for all logs."""
+    return values.reshape(-1, *[1] * logs.ndim)
+
+
+def _means_around(cells: int, reach: int) -> np.ndarray:
+    """(cells, cells): means over `reach` cells to either side, the first and the last repeated."""
+    means = np.zeros((cells, cells))
+    for offset in range(-reach, reach + 1):
+        np.add.at(means, (np.arange(cells), np.clip(np.arange(cells) + offset, 0, cells - 1)), 1.0 / (2 * reach + 1))
+    return means
+
+
+def _moved_on(evidence: Bank, travel: Speeds, places: Speeds) -> tuple[Bank, Speeds]:
+    """Evidence of each speed moved by the whole number of places nearest to its way, the rest kept for later."""
+    way = travel + places
+    whole = jnp.floor(jax.lax.stop_gradient(way) + 0.5)
+    count = evidence.shape[1]
+    # Written out before it is read at each of the shifts: padding inside a loop leaves it no vectors.
+    nothing = jnp.zeros_like(evidence[:, :1])
+    wide = jax.lax.optimization_barrier(jnp.concatenate([nothing] * LONGEST_JUMP + [evidence], axis=1))
+    moved = jnp.where((whole == 0)[:, None], evidence, 0.0)
+    for jump in range(1, LONGEST_JUMP + 1):
+        start = LONGEST_JUMP - jump
+        moved = jnp.where((whole == jump)[:, None], wide[:, start : start + count], moved)
+    return moved, way - whole
+
+
+def _largest_row(rows: Array) -> Array:
+    """Over the first axis, element by element: what the compiler makes of a reduction goes through single numbers."""
+    return tree(list(rows), jnp.maximum)
