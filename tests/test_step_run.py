@@ -50,7 +50,8 @@ def batch(padded_to: int, filler: int):
 
 
 # The default compiles for many seconds at each shape; `test_stability.py` looks at its hard cases too.
-DEFAULT_LATER = [pytest.param(name, marks=pytest.mark.long) if name == "default" else name for name in DETECTORS]
+SLOW = ("shift", "default")  # to compile
+DEFAULT_LATER = [pytest.param(name, marks=pytest.mark.long) if name in SLOW else name for name in DETECTORS]
 GRADIENTS_LATER = [
     pytest.param(name, marks=pytest.mark.long) if name in ("default", "range-rate") else name for name in DETECTORS
 ]
@@ -230,14 +231,14 @@ def test_hard_cases_by_value_and_flag(name: str, case: str) -> None:
     np.testing.assert_array_equal(np.isnan(trace.range_m), ~trace.valid)
     # An object in the first bin, or a sweep that is saturated from there on, is within 0.15 m indeed.
     near = name == "lab-live" and case in ("saturated", "first bin")
-    assert len(trace.events) == (near or (case == "float32" and name != "lab-live"))
+    assert len(trace.events) == (near or (case == "float32" and name not in ("lab-live", "approach")))
     assert trace.saturated.all() == (case in ("saturated", "no sweep"))
     if name == "thesis":
         count, range_m = WANTED[case]
         assert trace.valid.sum() == count
         if range_m is not None:
             np.testing.assert_allclose(trace.range_m, range_m, atol=0.0071)
-    if name == "default":
+    if name in SLOW:
         assert trace.valid.any() != (case in INVALID_BY_DEFAULT)
 
 

@@ -15,13 +15,13 @@ from jaxradar._numerics.staged import (
     cpu_shaped,
     largest,
     largest_of,
+    largest_row,
     reductions,
     sliced,
     smallest,
     summed,
     total,
     totals,
-    tree,
 )
 from jaxradar._numerics.trigonometry import angle_of, cosine_sine
 
@@ -36,6 +36,7 @@ __all__ = [
     "first_largest",
     "largest",
     "largest_of",
+    "largest_row",
     "nonnegative",
     "operations",
     "packed_largest",
@@ -50,6 +51,5 @@ __all__ = [
     "summed",
     "total",
     "totals",
-    "tree",
     "value_at",
 ]

@@ -29,6 +29,7 @@ __all__ = [
     "in_stages",
     "largest",
     "largest_of",
+    "largest_row",
     "ordered_bits",
     "reductions",
     "slice_starts",
@@ -209,6 +210,20 @@ def _shared(extreme: Callable[[Array], Array]) -> Callable[..., tuple[Array, Arr
         return found, jnp.sum(change * equal, axis=-1) / jnp.maximum(jnp.sum(equal, axis=-1), 1)
 
     return rule
+
+
+@jax.custom_jvp
+def largest_row(rows: Shaped[Array | np.ndarray, rows * shape]) -> Shaped[Array, "*shape"]:
+    """Maximum over the first axis, element by element, in a tree. Equal maxima share the gradient equally."""
+    return tree(list(jnp.asarray(rows)), jnp.maximum)
+
+
+@largest_row.defjvp
+def _largest_row_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    (rows,), (change,) = primals, tangents
+    found = largest_row(rows)
+    equal = (rows == found).astype(change.dtype)
+    return found, jnp.sum(change * equal, axis=0) / jnp.maximum(jnp.sum(equal, axis=0), 1)
 
 
 _largest.defjvp(_shared(_largest))

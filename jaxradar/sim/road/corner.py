@@ -63,7 +63,8 @@ def corner_area(
 def corner_share(surface: Surface, polarisation: str, sine: Value, cosine: Value, wavelength_m: Setting) -> Value:
     """What two reflections leave of the amplitude: one by the road at θ from its normal, one by the face at 90° − θ."""
     rough = coherent_share(surface, cosine, wavelength_m) * coherent_share(surface, sine, wavelength_m)
-    return rough * fresnel(surface, polarisation, cosine) * fresnel(surface, polarisation, sine)
+    gain = jnp.exp(jnp.asarray(surface.corner_db, cosine.dtype) * (math.log(10.0) / 20.0))
+    return gain * rough * fresnel(surface, polarisation, cosine) * fresnel(surface, polarisation, sine)
 
 
 def lit_share(

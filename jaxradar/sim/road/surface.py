@@ -19,13 +19,15 @@ class Surface(Settings):
     Two parts of backscatter: facets that stand like mirrors across the ray (`slope`: the rms slope of the patches of a
     few wavelengths that such facets are; smooth roads have small ones, and their echo comes from near the vertical),
     and the grain (`grain_db`: backscatter of a rough surface at normal incidence, Lambert's law beyond). `rms_mm` is
-    the roughness that a mirror reflection sees.
+    the roughness that a mirror reflection sees. Nobody has measured the corner of a real step with such a radar:
+    `corner_db` is there to see what hangs on it.
     """
 
     permittivity: Setting = setting(5.24, 1.0, 100.0, "", "relative, real part: 5.24 is concrete's (ITU-R P.2040-3)")
     slope: Setting = setting(0.30, 0.01, 2.0, "", "rms slope of the facets")
     grain_db: Setting = setting(-8.1, -60.0, 10.0, "dB", "backscatter of the grain at normal incidence")
     rms_mm: Setting = setting(0.4, 0.0, 50.0, "mm", "rms height of what is smaller than the pulse")
+    corner_db: Setting = setting(0.0, -60.0, 60.0, "dB", "echo of a step's corner beyond what the rest makes it")
 
 
 def reflectivity(permittivity: Setting) -> Float[Array, ""]:

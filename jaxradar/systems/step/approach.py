@@ -27,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, UInt
 
-from jaxradar._numerics import finite, row_major, tree
+from jaxradar._numerics import finite, largest_row, row_major
 from jaxradar._settings import bounded, setting, shape_setting
 from jaxradar._types import Flags, RawSweep, Scalar, Setting
 from jaxradar.systems.step.config import (
@@ -51,6 +51,8 @@ Speeds = Float[Array, "speeds *logs"]
 Numbers = Float[Array, "*logs"]
 Truths = Bool[Array, "*logs"]
 
+SPECKLE = 0.815  # square of the mean over the mean square, of the cells of simulated roads
+LEAST_ROAD = 0.3  # in places full of it
 LONGEST_JUMP = 6  # places that evidence may move on within one sweep: 125 mm at 45 km/h and 100 Hz are three
 
 
@@ -64,13 +66,16 @@ class ApproachObservation(eqx.Module):
 
 
 class Echoes(eqx.Module):
-    """`power`: running mean square of each cell. `age_s`: time since the track began, `gap_s`: since the last valid
-    sweep. `tracking`: whether there is anything to go on from."""
+    """`power`: running mean square of each cell, `mean`: running mean. `age_s`: time since the track began or the car
+    last stood, `gap_s`: since the last valid sweep. `tracking`: whether there is anything to go on from; `stood`:
+    whether the car has stood since."""
 
     power: Cells
+    mean: Cells
     age_s: Numbers
     gap_s: Numbers
     tracking: Truths
+    stood: Truths
 
 
 class Gathered(eqx.Module):
@@ -98,7 +103,8 @@ class ApproachState(eqx.Module):
 
 class Seen(NamedTuple):
     """One sweep beside those before it: amplitude and expected power at each place, the power of the noise; `goes_on`:
-    whether it is later than another of its track, and how much; `counts`: whether it adds to the evidence."""
+    whether it is later than another of its track, and how much; `counts`: whether it adds to the evidence; `settled`:
+    whether a detection may follow."""
 
     amplitude: Places
     expected: Places
@@ -106,7 +112,7 @@ class Seen(NamedTuple):
     goes_on: Truths
     counts: Truths
     elapsed_s: Numbers
-    age_s: Numbers
+    settled: Truths
 
 
 class CornerTrack(NamedTuple):
@@ -125,11 +131,11 @@ class Told(NamedTuple):
     valid: Truths
     saturated: Truths
     counts: Truths
-    age_s: Numbers
+    settled: Truths
 
     @classmethod
     def of(cls, observation: ApproachObservation, seen: Seen) -> Told:
-        return cls(observation.strength, observation.valid, observation.saturated, seen.counts, seen.age_s)
+        return cls(observation.strength, observation.valid, observation.saturated, seen.counts, seen.settled)
 
 
 class _Tracks(NamedTuple):
@@ -163,13 +169,15 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
     statistic_name: ClassVar[str] = "evidence of a corner"
     statistic_unit: ClassVar[str] = "nats"
 
-    evidence: Setting = setting(18.0, 0.0, 1e3, "nats", "evidence on a track above this is a step")
+    evidence: Setting = setting(17.0, 0.0, 1e3, "nats", "evidence on a track above this is a step")
     release: Setting = setting(0.5, 0.0, 1.0, "", "it must fall below this share of it before the next detection")
     tilt_far: Setting = setting(1.5, 0.0, 10.0, "", "what an amplitude weighs at the farthest place, γ")
     tilt_near: Setting = setting(3.0, 0.0, 10.0, "", "and at the nearest")
-    look_m: Setting = setting(0.05, 1e-4, 1.0, "m", "the road's speckle is another one after so much of the way")
+    look_m: Setting = setting(0.06, 1e-4, 1.0, "m", "the road's speckle is another one after so much of the way")
     noise_share: Setting = setting(1.3, 0.0, 10.0, "", "noise is so many times the power of the quietest cell")
-    reference_s: Setting = setting(0.4, 1e-2, 60.0, "s", "time constant of the mean square that amplitudes are held to")
+    reference_s: Setting = setting(
+        0.15, 1e-2, 60.0, "s", "time constant of the mean square that amplitudes are held to"
+    )
     fade_share: Setting = setting(0.6, 0.0, 1.0, "", "it is not below this share of that of the cells around")
     settle_s: Setting = setting(0.15, 0.0, 10.0, "s", "no detection so soon after a track has begun")
     refractory_s: Setting = setting(0.2, 0.0, 10.0, "s", "no second detection so soon after one")
@@ -177,11 +185,15 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
     height_m: Setting = setting(0.35, 0.02, 10.0, "m", "of the sensor over the road")
     front_wheel_m: Setting = setting(0.15, -5.0, 10.0, "m", "how far the front axle lies behind the sensor")
     contact_m: Setting = setting(0.1, 0.0, 1.0, "m", "a tyre touches a step so far ahead of its axle")
-    slowest_m_s: Setting = setting(2.5, 0.1, 100.0, "m/s", "of the speeds of the bank")
+    stands: Setting = setting(
+        0.7, 0.0, 2.0, "", "the car stands where echoes are so far from speckle, 0, towards stillness, 1"
+    )
+    start_s: Setting = setting(0.5, 0.0, 10.0, "s", "no detection so soon after the car has stood")
+    slowest_m_s: Setting = setting(1.25, 0.1, 100.0, "m/s", "of the speeds of the bank")
     fastest_m_s: Setting = setting(12.5, 0.1, 100.0, "m/s", "of the speeds of the bank")
     farthest_m: Setting = setting(0.92, 0.05, 100.0, "m", "where tracks begin, ahead of the sensor's foot")
-    speeds: int = shape_setting(9, 1, 1000, "", "number of speeds, evenly spaced in their logarithm")
-    places: int = shape_setting(18, 2, 1000, "", "number of places of each track")
+    speeds: int = shape_setting(12, 1, 1000, "", "number of speeds, evenly spaced in their logarithm")
+    places: int = shape_setting(16, 2, 1000, "", "number of places of each track")
     place_m: float = shape_setting(0.04, 1e-3, 1.0, "m", "distance of two places")
     cell_m: float = shape_setting(0.02, 2e-3, 1.0, "m", "size of a range cell")
     around_m: float = shape_setting(0.1, 1e-3, 10.0, "m", "width of the cells around")
@@ -213,13 +225,14 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
 
     def observed(self, cells: Cells, flags: UInt[Array | np.ndarray, "*logs"]) -> ApproachObservation:
         """One sweep out of its cells."""
-        strength = _largest_row(cells)
+        strength = largest_row(cells)
         return ApproachObservation(cells, strength, usable(flags) & (strength > 0), is_saturated(flags))
 
     def init(self, axis: RangeAxis) -> ApproachState:
         zero, no = jnp.zeros(()), jnp.zeros((), bool)
+        nothing = jnp.zeros(axis.bins // self.bins_per_cell(axis))
         return ApproachState(
-            Echoes(jnp.zeros(axis.bins // self.bins_per_cell(axis)), zero, zero, no),
+            Echoes(nothing, nothing, zero, zero, no, no),
             Gathered(jnp.zeros((self.speeds, self.places)), jnp.zeros(self.speeds)),
             Alarm(zero, ~no),
         )
@@ -300,28 +313,51 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         tracking = state.tracking & (jnp.abs(gap) <= self.longest_gap_s)
         goes_on, fresh = observation.valid & tracking, observation.valid & ~tracking
         elapsed = jnp.where(tracking, jnp.maximum(dt, 0.0), 0.0)
-        age = jnp.where(fresh, 0.0, state.age_s + elapsed)
         now = observation.cells**2
-        before = jnp.where(fresh, now, state.power)
+        begins = fresh | (state.age_s <= 0)
+        before = jnp.where(begins, now, state.power)
+        mean = jnp.where(begins, observation.cells, state.mean)
+        noise = self.noise_share * -largest_row(-before)
+        at = tracks.at @ before
+        known = state.age_s >= self.settle_s  # a mean of a few sweeps is as steady as they are
+        stands = goes_on & known & self._stands(tracks, at, tracks.at @ mean, noise)
+        age = jnp.where(fresh | stands, 0.0, state.age_s + elapsed)
         # A plain mean at first, a running one later.
         since = jnp.maximum(gap, 0.0)
         forgets = -jnp.expm1(-since / jnp.minimum(self.reference_s, age + 1e-6))
+        share = jnp.where(goes_on, forgets, 0.0)
         after = Echoes(
-            power=before + jnp.where(goes_on, forgets, 0.0) * (now - before),
+            power=before + share * (now - before),
+            mean=mean + share * (observation.cells - mean),
             age_s=age,
             gap_s=jnp.where(observation.valid, 0.0, gap),
             tracking=tracking | observation.valid,
+            stood=(state.stood & tracking) | stands,
         )
-        expected = jnp.maximum(tracks.at @ before, self.fade_share * (tracks.around @ before))
         return after, Seen(
             amplitude=tracks.at @ observation.cells,
-            expected=expected,
-            noise=self.noise_share * -_largest_row(-before),
-            goes_on=tracking,
-            counts=goes_on,
+            expected=jnp.maximum(at, self.fade_share * (tracks.around @ before)),
+            noise=noise,
+            goes_on=tracking & ~stands,
+            counts=goes_on & ~stands,
             elapsed_s=elapsed,
-            age_s=age,
+            settled=age >= jnp.where(after.stood, self.start_s, self.settle_s),
         )
+
+    def _stands(self, tracks: _Tracks, power: Places, mean: Places, noise: Numbers) -> Truths:
+        """Whether the road's echoes keep their amplitudes. Of speckle that is driven over they are Rayleigh
+        distributed, and the square of their mean is π/4 of the mean square (a little more of cells, which average); of
+        what stands in noise it is more by about (1 − π/4) ρ^2.5, ρ the share of the road in the power (within .01 of
+        Rice's for all ρ)."""
+        far = tracks.ahead_m > 0.5 * tracks.ahead_m[0]  # where what stands straight below does not show
+        some = (power > 0) & (_over(tracks.inside & far, noise) > 0)
+        inverse = 1.0 / jnp.where(some, power, 1.0)
+        road = jnp.where(some, jnp.maximum(1.0 - noise * inverse, 0.0), 0.0)
+        weight = road**2
+        steady = jnp.sum(weight * (mean**2 * inverse - SPECKLE), axis=0)
+        standing = (1.0 - SPECKLE) * jnp.sum(weight**2 * jnp.sqrt(road), axis=0)
+        # Where noise alone is seen, nothing is known to stand.
+        return (jnp.sum(weight, axis=0) > LEAST_ROAD) & (steady > self.stands * standing)
 
     def weigh(self, tracks: _Tracks, seen: Seen) -> tuple[Places, Places]:
         """What each place adds to the evidence of a whole look, and how long a look is there in metres."""
@@ -345,7 +381,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
             off = jnp.abs(speeds - motion.speed_m_s) > 0.25 * jnp.abs(motion.speed_m_s) + 0.3
             evidence = jnp.where((motion.speed_known & off)[:, None], 0.0, evidence)
         evidence = jax.lax.optimization_barrier(evidence)
-        most = _largest_row(tree([evidence[:, place] for place in range(self.places)], jnp.maximum))
+        most = largest_row(evidence.reshape(-1, *evidence.shape[2:]))
         after = Gathered(evidence, jnp.where(seen.goes_on, travel, 0.0))
         return after, most, self.best(tracks, after)
 
@@ -367,7 +403,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
     ) -> tuple[Alarm, Decision]:
         """Whether that is a detection."""
         quiet = state.quiet_s + jnp.maximum(dt, 0.0)
-        event = told.counts & (told.age_s >= self.settle_s) & state.armed & (statistic > self.evidence)
+        event = told.counts & told.settled & state.armed & (statistic > self.evidence)
         rearmed = (statistic < self.release * self.evidence) & (quiet >= self.refractory_s)
         valid = told.valid
         way = corner.ahead_m + self.front_wheel_m - self.contact_m
@@ -415,8 +451,3 @@ def _moved_on(evidence: Bank, travel: Speeds, places: Speeds) -> tuple[Bank, Spe
         start = LONGEST_JUMP - jump
         moved = jnp.where((whole == jump)[:, None], wide[:, start : start + count], moved)
     return moved, way - whole
-
-
-def _largest_row(rows: Array) -> Array:
-    """Over the first axis, element by element: what the compiler makes of a reduction goes through single numbers."""
-    return tree(list(rows), jnp.maximum)

@@ -73,6 +73,7 @@ class ShiftDetector(StepDetector[ProfileObservation, ShiftState]):
     )
     release: Setting = setting(0.08, 0.0, 1.0, "", "the evidence must fall below this before the next detection")
     most_unexplained: Setting = setting(0.5, 0.0, 1.1, "", "a shift that leaves more than this open explains nothing")
+    most_left: Setting = setting(1e3, 0.0, 1e3, "", "nor does one that leaves so many times what it explains")
     least_shift_m: Setting = setting(0.006, 0.0, 1.0, "m", "a smaller shift is no step")
     window_s: Setting = setting(0.03, 1e-3, 10.0, "s", "time constant of the running mean a sweep is compared with")
     settle_s: Setting = setting(0.08, 0.0, 10.0, "s", "no detection so soon after a track has begun")
@@ -209,7 +210,9 @@ class ShiftDetector(StepDetector[ProfileObservation, ShiftState]):
         expected_m = jnp.where(carried, state.reference_m + shift_m, state.range_m)
         return Evidence(
             statistic=statistic,
-            explains=shift.unexplained_moved <= self.most_unexplained,
+            explained=jnp.where(recalled.compared, explained, 0.0),
+            explains=(shift.unexplained_moved <= self.most_unexplained)
+            & (shift.unexplained_moved <= self.most_left * explained),
             expected_m=expected_m,
             cell=jnp.round((expected_m - centres[0]) / cell_m).astype(jnp.int32),
         )
@@ -229,7 +232,7 @@ class ShiftDetector(StepDetector[ProfileObservation, ShiftState]):
         # What changes all the time, as the speckle of a road that is driven over does, or slowly, as it does when the
         # car pulls away, is no step.
         elapsed = jnp.maximum(dt, 0.0)
-        rises = evidence.statistic > self.restless * self.evidence
+        rises = evidence.explained > self.restless * self.evidence
         # A log begins still, until it shows otherwise; a track that was lost does not.
         lost_track = recalled.fresh & (state.age_s > 0)
         still = jnp.where(rises | lost_track, 0.0, state.still_s + elapsed)
