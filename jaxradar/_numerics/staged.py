@@ -47,6 +47,7 @@ MOST_STAGED = 8192  # bins; the program's size grows with them, so what is longe
 
 Values = Shaped[Array | np.ndarray, "*shape bins"]
 Reduced = Shaped[Array, "*shape"]
+Rows = Shaped[Array | np.ndarray, "rows *shape"]
 Combine = Callable[[Any, Any], Any]
 
 _form: contextvars.ContextVar[str] = contextvars.ContextVar("form", default="by platform")
@@ -213,7 +214,7 @@ def _shared(extreme: Callable[[Array], Array]) -> Callable[..., tuple[Array, Arr
 
 
 @jax.custom_jvp
-def largest_row(rows: Shaped[Array | np.ndarray, rows * shape]) -> Shaped[Array, "*shape"]:
+def largest_row(rows: Rows) -> Shaped[Array, "*shape"]:
     """Maximum over the first axis, element by element, in a tree. Equal maxima share the gradient equally."""
     return tree(list(jnp.asarray(rows)), jnp.maximum)
 

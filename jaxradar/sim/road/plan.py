@@ -23,6 +23,7 @@ LOOK_S = 0.02  # between two looks at how far the car goes
 BEAM = 1.36  # two-way amplitude is 0.6 % so many half-power widths off the line of sight
 BLOCK = 256  # sweeps that are made side by side
 MOST_POINTS = 20_000_000
+POINTS_STEP = 256  # so that scenes of nearly one speed share a program
 MOST_AMPLITUDES = 2_000_000_000  # of a record: 8 GB
 MOST_MOMENTS = 100_000_000  # at which the motion is worked out: 14 hours
 MOST_CLIMB_M_S = 1.0  # of the sensor on its springs, as far as range walk is concerned
@@ -85,6 +86,7 @@ def plan_scene(scene: RoadScene) -> Plan:
     visible = ECHOES_A_PASS * math.ceil(((ahead_m + behind_m) / scene.spacing_m + 2) / ECHOES_A_PASS)
     first = math.floor((nearest - behind_m) / scene.spacing_m) - 1
     points = math.ceil((farthest - nearest) / scene.spacing_m) + visible + 4
+    points = POINTS_STEP * math.ceil(points / POINTS_STEP)
     moments = math.ceil((stop_s - start_s) / FINE_S) + 1
     for count, most, what, way_out in (
         (points, MOST_POINTS, "road holds {} scatterers", "shorten `duration_s` or widen `spacing_m`"),

@@ -51,8 +51,8 @@ Speeds = Float[Array, "speeds *logs"]
 Numbers = Float[Array, "*logs"]
 Truths = Bool[Array, "*logs"]
 
-SPECKLE = 0.815  # square of the mean over the mean square, of the cells of simulated roads
-LEAST_ROAD = 0.3  # in places full of it
+SPECKLE = 0.82  # square of the mean over the mean square, of the cells of simulated roads
+LEAST_ROAD = 0.4  # in places full of it
 LONGEST_JUMP = 6  # places that evidence may move on within one sweep: 125 mm at 45 km/h and 100 Hz are three
 
 
@@ -169,15 +169,13 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
     statistic_name: ClassVar[str] = "evidence of a corner"
     statistic_unit: ClassVar[str] = "nats"
 
-    evidence: Setting = setting(17.0, 0.0, 1e3, "nats", "evidence on a track above this is a step")
+    evidence: Setting = setting(17.5, 0.0, 1e3, "nats", "evidence on a track above this is a step")
     release: Setting = setting(0.5, 0.0, 1.0, "", "it must fall below this share of it before the next detection")
-    tilt_far: Setting = setting(1.5, 0.0, 10.0, "", "what an amplitude weighs at the farthest place, γ")
-    tilt_near: Setting = setting(3.0, 0.0, 10.0, "", "and at the nearest")
-    look_m: Setting = setting(0.06, 1e-4, 1.0, "m", "the road's speckle is another one after so much of the way")
+    tilt_far: Setting = setting(1.0, 0.0, 10.0, "", "what an amplitude weighs at the farthest place, γ")
+    tilt_near: Setting = setting(3.5, 0.0, 10.0, "", "and at the nearest")
+    look_m: Setting = setting(0.07, 1e-4, 1.0, "m", "the road's speckle is another one after so much of the way")
     noise_share: Setting = setting(1.3, 0.0, 10.0, "", "noise is so many times the power of the quietest cell")
-    reference_s: Setting = setting(
-        0.15, 1e-2, 60.0, "s", "time constant of the mean square that amplitudes are held to"
-    )
+    reference_s: Setting = setting(0.15, 1e-2, 60.0, "s", "time constant of the mean square amplitudes are held to")
     fade_share: Setting = setting(0.6, 0.0, 1.0, "", "it is not below this share of that of the cells around")
     settle_s: Setting = setting(0.15, 0.0, 10.0, "s", "no detection so soon after a track has begun")
     refractory_s: Setting = setting(0.2, 0.0, 10.0, "s", "no second detection so soon after one")
@@ -193,9 +191,9 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
     fastest_m_s: Setting = setting(12.5, 0.1, 100.0, "m/s", "of the speeds of the bank")
     farthest_m: Setting = setting(0.92, 0.05, 100.0, "m", "where tracks begin, ahead of the sensor's foot")
     speeds: int = shape_setting(12, 1, 1000, "", "number of speeds, evenly spaced in their logarithm")
-    places: int = shape_setting(16, 2, 1000, "", "number of places of each track")
-    place_m: float = shape_setting(0.04, 1e-3, 1.0, "m", "distance of two places")
-    cell_m: float = shape_setting(0.02, 2e-3, 1.0, "m", "size of a range cell")
+    places: int = shape_setting(21, 2, 1000, "", "number of places of each track")
+    place_m: float = shape_setting(0.03, 1e-3, 1.0, "m", "distance of two places")
+    cell_m: float = shape_setting(0.014, 2e-3, 1.0, "m", "size of a range cell")
     around_m: float = shape_setting(0.1, 1e-3, 10.0, "m", "width of the cells around")
 
     @property

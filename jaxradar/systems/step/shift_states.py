@@ -62,8 +62,9 @@ class Recalled(eqx.Module):
 
 
 class Evidence(eqx.Module):
-    """`statistic`: what a shift explains more than none, 0 where it is too small; `explained`: the same of any shift; `explains`: whether it explains enough. `expected_m`: where
-    the followed echo should be, in the range cell `cell`."""
+    """`statistic`: what a shift explains more than none, 0 where it is too small; `explained`: the same
+    of any shift; `explains`: whether it explains enough. `expected_m`: where the followed echo should be, in the range
+    cell `cell`."""
 
     statistic: Scalar
     explained: Scalar

@@ -1,5 +1,5 @@
-"""The bound that no detector of envelopes passes: one who knows where the step is, how fast the car goes, and how bright
-the corner is.
+"""The bound that no detector of envelopes passes: one who knows where the step is, how fast the car goes, and how
+bright the corner is.
 
 For each place of the step's foot it knows the root mean square of the road's echo in that range cell, and what the
 corner adds, both as measured on drives of its own. Road and noise together are complex Gaussian, so that amplitudes are
@@ -33,8 +33,8 @@ RESOLUTION_M = 0.07  # of the road: steps so far apart are two
 
 @dataclass(frozen=True)
 class Ideal:
-    """Share of steps seen in time by one who knows all but whether there is one, at so many false alarms an hour; `nats`
-    is the mean of what the sweeps say, `threshold` what they must."""
+    """Share of steps seen in time by one who knows all but whether there is one, at so many false alarms an hour;
+    `nats` is the mean of what the sweeps say, `threshold` what they must."""
 
     share: Estimate
     nats: float
@@ -70,13 +70,9 @@ def _on_track(scenes: list[RoadScene], drives: list[Drive], height_m: float) -> 
         series = drive.sensors[0]
         speed = float(scene.motion.speed_m_s)
         ahead = float(scene.road[0].at_m) - speed * series.times_s
-        allowed = IN_TIME * lead_allowed_s(scene, speed, height_m) * speed
-        reach = (
-            float(scene.mount.front_wheel_m)
-            + float(scene.mount.height_m)
-            - lead_allowed_s(scene, speed, height_m) * speed
-        )
-        use = (ahead < FARTHEST_M) & (ahead + float(scene.mount.front_wheel_m) - reach >= allowed)
+        seen_m = lead_allowed_s(scene, speed, height_m) * speed  # of the way, from the line of sight to the impact
+        touches_m = float(scene.mount.height_m) - seen_m  # ahead of the sensor's foot, at the impact
+        use = (ahead < FARTHEST_M) & (ahead - touches_m >= IN_TIME * seen_m)
         range_m = np.hypot(ahead[use], float(scene.mount.height_m))
         rows = np.asarray(series.sweeps)[use].astype(float)
         amplitude = np.array([np.interp(one, series.range_m, row) for one, row in zip(range_m, rows, strict=True)])

@@ -108,9 +108,9 @@ class StepCell:
         speed = self.speed_kmh / KMH
         along = VIEW_M + speed * BEFORE_S + 0.5 * abs(math.tan(math.radians(self.oblique_deg)))
         scene = dataclasses.replace(scene, duration_s=(along + 0.25) / (0.97 * speed) + AFTER_S + self._later_s())
-        return [
-            self._one(scene, along + 0.1 * random.random(), speed * random.uniform(0.97, 1.03)) for _ in range(count)
-        ]
+        places = along + 0.1 * random.random(count)
+        speeds = speed * random.uniform(0.97, 1.03, count)
+        return [self._one(scene, float(one), float(other)) for one, other in zip(places, speeds, strict=True)]
 
     def _later_s(self) -> float:
         return 0.5 if self.change_m_s2 else 0.0
