@@ -22,6 +22,7 @@ from jaxradar._numerics.staged import (
     summed,
     total,
     totals,
+    tree,
 )
 from jaxradar._numerics.trigonometry import angle_of, cosine_sine
 
@@ -51,5 +52,6 @@ __all__ = [
     "summed",
     "total",
     "totals",
+    "tree",
     "value_at",
 ]

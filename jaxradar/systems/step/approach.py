@@ -27,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, UInt
 
-from jaxradar._numerics import finite, largest_row, row_major
+from jaxradar._numerics import finite, largest_row, row_major, tree
 from jaxradar._settings import bounded, setting, shape_setting
 from jaxradar._types import Flags, RawSweep, Scalar, Setting
 from jaxradar.systems.step.config import (
@@ -51,9 +51,9 @@ Speeds = Float[Array, "speeds *logs"]
 Numbers = Float[Array, "*logs"]
 Truths = Bool[Array, "*logs"]
 
-SPECKLE = 0.82  # square of the mean over the mean square, of the cells of simulated roads
-LEAST_ROAD = 0.4  # in places full of it
-LONGEST_JUMP = 6  # places that evidence may move on within one sweep: 125 mm at 45 km/h and 100 Hz are three
+SPECKLE = 0.79  # square of the mean over the mean square, of the cells of simulated roads
+LEAST_STANDING = 0.015  # of the same, summed over cells
+LONGEST_JUMP = 5  # places that evidence may move on within one sweep: 125 mm at 45 km/h and 100 Hz are three
 
 
 class ApproachObservation(eqx.Module):
@@ -66,12 +66,15 @@ class ApproachObservation(eqx.Module):
 
 
 class Echoes(eqx.Module):
-    """`power`: running mean square of each cell, `mean`: running mean. `age_s`: time since the track began or the car
+    """`power`: running mean square of each cell, `mean`: running mean, `noise`: power of the noise among them;
+    `stands`: whether the car does, by these. `age_s`: time since the track began or the car
     last stood, `gap_s`: since the last valid sweep. `tracking`: whether there is anything to go on from; `stood`:
     whether the car has stood since."""
 
     power: Cells
     mean: Cells
+    noise: Numbers
+    stands: Truths
     age_s: Numbers
     gap_s: Numbers
     tracking: Truths
@@ -102,12 +105,11 @@ class ApproachState(eqx.Module):
 
 
 class Seen(NamedTuple):
-    """One sweep beside those before it: amplitude and expected power at each place, the power of the noise; `goes_on`:
+    """One sweep beside those before it: the mean square of each cell before it, the power of the noise; `goes_on`:
     whether it is later than another of its track, and how much; `counts`: whether it adds to the evidence; `settled`:
     whether a detection may follow."""
 
-    amplitude: Places
-    expected: Places
+    power: Cells
     noise: Numbers
     goes_on: Truths
     counts: Truths
@@ -141,7 +143,8 @@ class Told(NamedTuple):
 class _Tracks(NamedTuple):
     """What of a bank does not change. `at` picks the places out of the cells, between the two that are nearest, and
     `around` means over the cells around them, as products: what picks rows one by one is slower. `tilt` and `cost` are
-    γ and c(γ) there, `inside` whether the sensor sees it."""
+    γ and c(γ) there, `inside` whether the sensor sees it; `far`: the cells where what
+    stands straight below does not show."""
 
     ahead_m: Places
     at: Float[Array, "places cells"]
@@ -149,6 +152,7 @@ class _Tracks(NamedTuple):
     tilt: Places
     cost: Places
     inside: Array
+    far: Bool[Array, " cells"]
     speeds: Speeds
 
 
@@ -169,7 +173,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
     statistic_name: ClassVar[str] = "evidence of a corner"
     statistic_unit: ClassVar[str] = "nats"
 
-    evidence: Setting = setting(17.5, 0.0, 1e3, "nats", "evidence on a track above this is a step")
+    evidence: Setting = setting(16.5, 0.0, 1e3, "nats", "evidence on a track above this is a step")
     release: Setting = setting(0.5, 0.0, 1.0, "", "it must fall below this share of it before the next detection")
     tilt_far: Setting = setting(1.0, 0.0, 10.0, "", "what an amplitude weighs at the farthest place, γ")
     tilt_near: Setting = setting(3.5, 0.0, 10.0, "", "and at the nearest")
@@ -230,7 +234,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         zero, no = jnp.zeros(()), jnp.zeros((), bool)
         nothing = jnp.zeros(axis.bins // self.bins_per_cell(axis))
         return ApproachState(
-            Echoes(nothing, nothing, zero, zero, no, no),
+            Echoes(nothing, nothing, zero, no, zero, zero, no, no),
             Gathered(jnp.zeros((self.speeds, self.places)), jnp.zeros(self.speeds)),
             Alarm(zero, ~no),
         )
@@ -245,7 +249,9 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
     ) -> tuple[ApproachState, Decision]:
         tracks = self.tracks(axis)
         echoes, seen = self.look(tracks, state.echoes, observation, dt)
-        gathered, statistic, corner = self.gather(tracks, state.gathered, seen, *self.weigh(tracks, seen), motion)
+        gathered, statistic, corner = self.gather(
+            tracks, state.gathered, seen, *self.weigh(tracks, seen, observation.cells), motion
+        )
         alarm, decision = self.decide(state.alarm, Told.of(observation, seen), statistic, corner, dt)
         return ApproachState(echoes, gathered, alarm), decision
 
@@ -265,7 +271,11 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         tracks = self.tracks(axis)
         observed = jax.vmap(self.observed)(cells, flags)
         echoes, seen = jax.lax.scan(lambda held, now: self.look(tracks, held, *now), state.echoes, (observed, dt))
-        weighed = jax.vmap(lambda one: self.weigh(tracks, one))(seen)
+        # All sweeps in one product: the cells first.
+        first = seen._replace(power=jnp.swapaxes(seen.power, 0, 1))
+        weighed = tuple(
+            row_major(jnp.swapaxes(one, 0, 1)) for one in self.weigh(tracks, first, jnp.swapaxes(cells, 0, 1))
+        )
 
         def gather(held: Gathered, now: Any) -> tuple[Gathered, Any]:
             held, *found = self.gather(tracks, held, now[0], *now[1], None)
@@ -301,7 +311,8 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         tilt = jnp.asarray(self.tilt_far, float) + (self.tilt_near - jnp.asarray(self.tilt_far, float)) * along
         ratio = jnp.asarray(self.fastest_m_s, float) / self.slowest_m_s
         speeds = self.slowest_m_s * ratio ** (jnp.arange(self.speeds) / max(self.speeds - 1, 1))
-        return _Tracks(ahead, at, around, tilt, _cost(tilt), inside, speeds)
+        far = centres > jnp.sqrt(jnp.asarray(self.height_m, float) ** 2 + 0.25 * ahead[0] ** 2)
+        return _Tracks(ahead, at, around, tilt, _cost(tilt), inside, far, speeds)
 
     def look(
         self, tracks: _Tracks, state: Echoes, observation: ApproachObservation, dt: Numbers
@@ -315,71 +326,75 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         begins = fresh | (state.age_s <= 0)
         before = jnp.where(begins, now, state.power)
         mean = jnp.where(begins, observation.cells, state.mean)
-        noise = self.noise_share * -largest_row(-before)
-        at = tracks.at @ before
-        known = state.age_s >= self.settle_s  # a mean of a few sweeps is as steady as they are
-        stands = goes_on & known & self._stands(tracks, at, tracks.at @ mean, noise)
+        stands = goes_on & state.stands
         age = jnp.where(fresh | stands, 0.0, state.age_s + elapsed)
         # A plain mean at first, a running one later.
         since = jnp.maximum(gap, 0.0)
-        forgets = -jnp.expm1(-since / jnp.minimum(self.reference_s, age + 1e-6))
-        share = jnp.where(goes_on, forgets, 0.0)
+        share = jnp.where(goes_on, since / (jnp.minimum(self.reference_s, age) + since + 1e-9), 0.0)
+        power = before + share * (now - before)
+        mean = mean + share * (observation.cells - mean)
+        # Worked out for the next sweep: what all cells hang on is not to be worked out again for each of them.
+        noise = self.noise_share * -largest_row(-power)
+        known = age >= self.settle_s  # a mean of a few sweeps is as steady as they are
         after = Echoes(
-            power=before + share * (now - before),
-            mean=mean + share * (observation.cells - mean),
+            power=power,
+            mean=mean,
+            noise=noise,
+            stands=known & self._stands(tracks, power, mean, noise),
             age_s=age,
             gap_s=jnp.where(observation.valid, 0.0, gap),
             tracking=tracking | observation.valid,
             stood=(state.stood & tracking) | stands,
         )
         return after, Seen(
-            amplitude=tracks.at @ observation.cells,
-            expected=jnp.maximum(at, self.fade_share * (tracks.around @ before)),
-            noise=noise,
+            power=before,
+            noise=state.noise,
             goes_on=tracking & ~stands,
             counts=goes_on & ~stands,
             elapsed_s=elapsed,
             settled=age >= jnp.where(after.stood, self.start_s, self.settle_s),
         )
 
-    def _stands(self, tracks: _Tracks, power: Places, mean: Places, noise: Numbers) -> Truths:
+    def _stands(self, tracks: _Tracks, power: Cells, mean: Cells, noise: Numbers) -> Truths:
         """Whether the road's echoes keep their amplitudes. Of speckle that is driven over they are Rayleigh
         distributed, and the square of their mean is π/4 of the mean square (a little more of cells, which average); of
-        what stands in noise it is more by about (1 − π/4) ρ^2.5, ρ the share of the road in the power (within .01 of
-        Rice's for all ρ)."""
-        far = tracks.ahead_m > 0.5 * tracks.ahead_m[0]  # where what stands straight below does not show
-        some = (power > 0) & (_over(tracks.inside & far, noise) > 0)
+        what stands in noise it is more by nearly (1 − π/4) ρ², ρ the share of the road in the power (after Rice)."""
+        # Every other cell says enough.
+        power, mean, far = power[::2], mean[::2], tracks.far[::2]
+        some = (power > 0) & _over(far, noise)
         inverse = 1.0 / jnp.where(some, power, 1.0)
-        road = jnp.where(some, jnp.maximum(1.0 - noise * inverse, 0.0), 0.0)
-        weight = road**2
-        steady = jnp.sum(weight * (mean**2 * inverse - SPECKLE), axis=0)
-        standing = (1.0 - SPECKLE) * jnp.sum(weight**2 * jnp.sqrt(road), axis=0)
+        weight = jnp.where(some, jnp.maximum(1.0 - noise * inverse, 0.0), 0.0) ** 2
+        more = mean**2 * inverse - SPECKLE - self.stands * (1.0 - SPECKLE) * weight
         # Where noise alone is seen, nothing is known to stand.
-        return (jnp.sum(weight, axis=0) > LEAST_ROAD) & (steady > self.stands * standing)
+        return tree(list(weight * more), jnp.add) > LEAST_STANDING
 
-    def weigh(self, tracks: _Tracks, seen: Seen) -> tuple[Places, Places]:
-        """What each place adds to the evidence of a whole look, and how long a look is there in metres."""
-        some = seen.expected > 0
-        inverse = 1.0 / jnp.where(some, seen.expected, 1.0)
+    def weigh(
+        self, tracks: _Tracks, seen: Seen, cells: Float[Array, cells * sweeps]
+    ) -> tuple[Float[Array, places * sweeps], Float[Array, places * sweeps]]:
+        """What each place adds to the evidence of a whole look, and how many looks there are to a metre."""
+        times = partial(jnp.tensordot, axes=1)
+        expected = jnp.maximum(times(tracks.at, seen.power), self.fade_share * times(tracks.around, seen.power))
+        some = expected > 0
+        inverse = 1.0 / jnp.where(some, expected, 1.0)
         over = partial(_over, logs=seen.noise)
-        score = over(tracks.tilt) * seen.amplitude * jnp.sqrt(inverse) - over(tracks.cost)
+        score = over(tracks.tilt) * times(tracks.at, cells) * jnp.sqrt(inverse) - over(tracks.cost)
         score = jnp.where(seen.counts & over(tracks.inside) & some, score, 0.0)
-        return score, jnp.maximum(self.look_m * (1.0 - seen.noise * inverse), 1e-5)
+        return score, 1.0 / jnp.maximum(self.look_m * (1.0 - seen.noise * inverse), 1e-5)
 
     def gather(
-        self, tracks: _Tracks, state: Gathered, seen: Seen, score: Places, look_m: Places, motion: MotionSample | None
+        self, tracks: _Tracks, state: Gathered, seen: Seen, score: Places, looks: Places, motion: MotionSample | None
     ) -> tuple[Gathered, Numbers, CornerTrack]:
         """Move the evidence on and add to it; the most there is on a track, and that track."""
         speeds = _over(tracks.speeds, seen.noise)
         evidence, travel = _moved_on(state.evidence, state.travel, speeds * (seen.elapsed_s / self.place_m))
         # Where the road makes the echo a sweep is a part of a look; where noise does, each sweep is one.
-        share = jnp.minimum((speeds * seen.elapsed_s)[:, None] / look_m, 1.0)
+        share = jnp.minimum((speeds * seen.elapsed_s)[:, None] * looks, 1.0)
         evidence = jnp.maximum(jnp.where(seen.goes_on, evidence, 0.0) + share * score, 0.0)
         if motion is not None:
             off = jnp.abs(speeds - motion.speed_m_s) > 0.25 * jnp.abs(motion.speed_m_s) + 0.3
             evidence = jnp.where((motion.speed_known & off)[:, None], 0.0, evidence)
         evidence = jax.lax.optimization_barrier(evidence)
-        most = largest_row(evidence.reshape(-1, *evidence.shape[2:]))
+        most = largest_row(_largest_place(evidence))
         after = Gathered(evidence, jnp.where(seen.goes_on, travel, 0.0))
         return after, most, self.best(tracks, after)
 
@@ -449,3 +464,17 @@ def _moved_on(evidence: Bank, travel: Speeds, places: Speeds) -> tuple[Bank, Spe
         start = LONGEST_JUMP - jump
         moved = jnp.where((whole == jump)[:, None], wide[:, start : start + count], moved)
     return moved, way - whole
+
+
+@jax.custom_jvp
+def _largest_place(evidence: Bank) -> Speeds:
+    """The most evidence of each speed, element by element: not by way of a transposed bank."""
+    return tree([evidence[:, place] for place in range(evidence.shape[1])], jnp.maximum)
+
+
+@_largest_place.defjvp
+def _largest_place_jvp(primals: tuple[Bank], tangents: tuple[Bank]) -> tuple[Speeds, Speeds]:
+    (evidence,), (change,) = primals, tangents
+    found = _largest_place(evidence)
+    equal = (evidence == found[:, None]).astype(change.dtype)
+    return found, jnp.sum(change * equal, axis=1) / jnp.maximum(jnp.sum(equal, axis=1), 1)
