@@ -11,11 +11,25 @@ from typing import NoReturn
 
 from jaxradar._cache import keep_compiled_programs
 from jaxradar._errors import ConfigError, JaxradarError
-from jaxradar.cli import bench_detection, config, convert, demo, evaluate, frontier, info, ingest, label, simulate, view
+from jaxradar.cli import (
+    bench_detection,
+    config,
+    convert,
+    demo,
+    evaluate,
+    frontier,
+    info,
+    ingest,
+    label,
+    simulate,
+    tune,
+    view,
+)
 from jaxradar.cli._output import shown
 
 __all__ = ["main"]
 
+_COMMANDS = (demo, info, view, ingest, evaluate, label, simulate, tune, frontier, bench_detection, convert, config)
 _INTERRUPTED = 130  # as a shell says of a program that Ctrl-C ended
 _PIPE_CLOSED = 141
 
@@ -43,7 +57,20 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and leave")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=_Parser)
-    for command in (demo, info, view, ingest, evaluate, label, simulate, frontier, bench_detection, convert, config):
+    for command in (
+        demo,
+        info,
+        view,
+        ingest,
+        evaluate,
+        label,
+        simulate,
+        tune,
+        frontier,
+        bench_detection,
+        convert,
+        config,
+    ):
         command.add_to(commands)
     return parser
 

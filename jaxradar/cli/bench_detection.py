@@ -13,7 +13,7 @@ from jaxradar.cli._output import console, plain, print_table, ready_folder, show
 
 if TYPE_CHECKING:
     from jaxradar.estimate.intervals import Estimate
-    from jaxradar.tasks.detection import Suite
+    from jaxradar.suite import Suite
 
 __all__ = ["add_to"]
 
@@ -59,8 +59,8 @@ def add_to(commands: Any) -> None:
 def _run(args: argparse.Namespace) -> int:
     from jaxradar.plots.detection import plot_heights, plot_roc
     from jaxradar.plots.style import save
+    from jaxradar.suite import grid, run_suite, suite_record, variations
     from jaxradar.systems.step import load_detector
-    from jaxradar.tasks.detection import grid, run_suite, suite_record, variations
 
     names = list(dict.fromkeys(args.detector or ["default", "thesis"]))
     detectors = {shown(name): load_detector(name).detector for name in names}

@@ -83,7 +83,8 @@ class Events:
         columns = (self.time_s, self.range_m, self.strength, self.statistic, self.impact_in_s, self.sweep)
         for *values, impact_in_s, sweep in zip(*(column.tolist() for column in columns), strict=True):
             known = None if math.isnan(impact_in_s) else impact_in_s
-            yield StepEvent(*values, self.threshold, sweep, known)
+            time_s, range_m, strength, statistic = values
+            yield StepEvent(time_s, range_m, strength, statistic, self.threshold, sweep, known)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jaxradar.plots.style import BLUE, GREEN, ORANGE, VERMILION, WIDTH_IN, styled, titled
-from jaxradar.tasks.detection import CellScore, StepCell, Suite
+from jaxradar.suite import CellScore, StepCell, Suite
 
 __all__ = ["plot_heights", "plot_roc"]
 

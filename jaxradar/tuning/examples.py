@@ -11,7 +11,7 @@ from jaxradar.drive import NANOSECONDS, Drive, SensorSeries
 from jaxradar.matching import MatchWindow, speed_at
 from jaxradar.systems.step import SweepBatch, stack
 
-__all__ = ["Examples", "examples_of"]
+__all__ = ["Examples", "examples_of", "split"]
 
 
 class Examples(NamedTuple):
@@ -74,3 +74,13 @@ def examples_of(drives: Sequence[tuple[Drive, SensorSeries]], window: MatchWindo
         false[log, :count] = ~near
         hours[log] = series.duration_s / 3600.0
     return Examples(batch, inside, lead, real, false, hours)
+
+
+def split(count: int, seed: int = 0, share: float = 0.25) -> tuple[np.ndarray, np.ndarray]:
+    """Places of so many drives, drawn: those to fit to, and the `share` kept for validation, one at least of each.
+    Raises `ValueError` for fewer than two drives."""
+    if count < 2:
+        raise ValueError(f"`split` needs two drives; got {count}.")
+    order = np.random.default_rng(seed).permutation(count)
+    kept = min(max(1, round(share * count)), count - 1)
+    return np.sort(order[kept:]), np.sort(order[:kept])

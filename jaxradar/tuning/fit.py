@@ -20,6 +20,8 @@ from jaxradar.tuning.space import Space
 
 __all__ = ["Plan", "Start", "Tuned", "tune"]
 
+PATIENCE = 2
+
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
@@ -55,12 +57,14 @@ class Start:
 class Tuned:
     """What a fit came to.
 
-    - `detector`: at the least cost on the drives kept for validation. `before`, `after`: that cost of the detector
-      that was given, and of this one, at the last temperature.
+    - `detector`: at the least cost on the drives kept for validation; `vector`: where it stands in `space`. `before`,
+      `after`: that cost of the detector that was given, and of this one, at the last temperature.
     - `starts`: how each went.
     """
 
     detector: StepDetector[Any, Any]
+    space: Space
+    vector: np.ndarray
     before: float
     after: float
     starts: tuple[Start, ...]
@@ -79,9 +83,9 @@ def tune(
     """Move the settings `names` so that the detector costs less on `examples`, and take what costs least on `kept`.
 
     Each stage minimises the logarithm of the cost on a mini-batch by BFGS (`optimistix.BFGS`), all starts in one
-    vmapped solve; a start that costs more on `kept` after a stage than before goes on from before. `progress` hears
-    how many stages are done, of how many. Raises `ConfigError` for settings that cannot be tuned, and where no start
-    has a finite cost.
+    vmapped solve; a start that costs more on `kept` after a stage than before goes on from before, and when two
+    stages in a row brought none on, the fit ends. `progress` hears how many stages are done, of how many. Raises
+    `ConfigError` for settings that cannot be tuned, and where no start has a finite cost.
     """
     costs, plan = costs or Costs(), plan or Plan()
     space = Space.of(detector, names)
@@ -98,6 +102,7 @@ def tune(
         scores = [np.asarray(_costs_of(space, detector, costs, kept, last, vectors))]
         if not np.isfinite(scores[0]).any():
             raise ConfigError("no start has a finite cost on the drives kept for validation.")
+        waited = 0
         for stage, temperature in enumerate(plan.temperatures, 1):
             logs = random.permutation(examples.logs)[: plan.logs]
             moved = _solve(space, detector, costs, examples.pick(logs), temperature, vectors, plan.steps)
@@ -107,20 +112,18 @@ def tune(
             held.append(np.asarray(vectors))
             scores.append(np.where(better, found, scores[-1]))
             progress(stage, len(plan.temperatures))
+            # Two stages that brought nobody on, on drives that none was fitted to: the rest would not either.
+            waited = 0 if better.any() else waited + 1
+            if waited == PATIENCE:
+                break
     best = int(np.nanargmin(scores[-1]))
-    settings = np.asarray(space.values(held[-1][best].astype(np.float64)), np.float64)
-    tuned = dataclasses.replace(
-        detector,
-        **{
-            name: float(np.clip(value, low, high))
-            for name, value, low, high in zip(space.names, settings, space.low, space.high, strict=True)
-        },
-    )
+    vector = held[-1][best].astype(np.float64)
+    tuned = space.detector_at(detector, vector)
     starts = tuple(
         Start(np.stack([one[place] for one in held]), np.array([one[place] for one in scores]))
         for place in range(len(vectors))
     )
-    return Tuned(tuned, float(scores[0][0]), float(scores[-1][best]), starts)
+    return Tuned(tuned, space, vector, float(scores[0][0]), float(scores[-1][best]), starts)
 
 
 @eqx.filter_jit

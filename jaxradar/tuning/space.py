@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxradar._errors import ConfigError
-from jaxradar._settings import declared
+from jaxradar._settings import Settings, declared, parts
 from jaxradar._toml import nearest
 from jaxradar.systems.step import StepDetector
 
@@ -35,8 +35,9 @@ class Space(eqx.Module):
 
     @classmethod
     def of(cls, detector: StepDetector[Any, Any], names: Sequence[str]) -> Space:
-        """Raises `ConfigError` for a name that is no setting of the detector, or one that sets a shape."""
-        known = declared(type(detector))
+        """Settings of a part are written `part.setting`. Raises `ConfigError` for a name that is no setting of the
+        detector, or one that sets a shape."""
+        known = _known(detector)
         free = [name for name, one in known.items() if not one.metadata.get("static") and "low" in one.metadata]
         for name in names:
             if name in known and name not in free:
@@ -55,7 +56,7 @@ class Space(eqx.Module):
 
     def vector(self, detector: StepDetector[Any, Any]) -> Float[np.ndarray, " settings"]:
         """Where a detector stands."""
-        values = np.array([float(getattr(detector, name)) for name in self.names])
+        values = np.array([float(_get(detector, name)) for name in self.names])
         share = np.clip((values - self.low) / (self.high - self.low), _INSIDE * 1e-3, 1.0 - _INSIDE)
         return np.log(share / (1.0 - share))
 
@@ -73,7 +74,37 @@ class Space(eqx.Module):
         """`base` with the settings of a point, which may be traced."""
         values = self.values(vector)
         return eqx.tree_at(
-            lambda held: [getattr(held, name) for name in self.names],
+            lambda held: [_get(held, name) for name in self.names],
             base,
             [values[place] for place in range(len(self.names))],
         )
+
+    def detector_at(
+        self, base: StepDetector[Any, Any], vector: Float[np.ndarray, " settings"]
+    ) -> StepDetector[Any, Any]:
+        """The same with plain numbers, within their bounds to the last digit."""
+        values = np.clip(np.asarray(self.values(np.asarray(vector, np.float64)), np.float64), self.low, self.high)
+        return eqx.tree_at(
+            lambda held: [_get(held, name) for name in self.names], base, [np.asarray(value) for value in values]
+        )
+
+    def steps(self, vector: Float[np.ndarray, " settings"]) -> Float[np.ndarray, " settings"]:
+        """How much each setting changes for a small step of the vector, per unit of it."""
+        share = 1.0 / (1.0 + np.exp(-np.asarray(vector, np.float64)))
+        return (self.high - self.low) * share * (1.0 - share)
+
+
+def _known(detector: StepDetector[Any, Any]) -> dict[str, Any]:
+    """All settings by name, those of a part that is on as `part.setting`."""
+    known: dict[str, Any] = dict(declared(type(detector)))
+    for part in parts(type(detector)):
+        held = getattr(detector, part)
+        if isinstance(held, Settings):
+            known |= {f"{part}.{name}": one for name, one in declared(type(held)).items()}
+    return known
+
+
+def _get(detector: Any, name: str) -> Any:
+    for one in name.split("."):
+        detector = getattr(detector, one)
+    return detector

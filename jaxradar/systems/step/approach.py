@@ -19,17 +19,33 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, UInt
+from jaxtyping import Array, Float, UInt
 
 from jaxradar._numerics import finite, largest_row, row_major, tree
 from jaxradar._settings import bounded, setting, shape_setting
 from jaxradar._types import Flags, RawSweep, Scalar, Setting
+from jaxradar.systems.step.approach_bank import cost, largest_place, means_around, moved_on
+from jaxradar.systems.step.approach_states import (
+    Alarm,
+    ApproachObservation,
+    ApproachState,
+    Cells,
+    CornerTrack,
+    Echoes,
+    Gathered,
+    Numbers,
+    Places,
+    Seen,
+    Told,
+    Tracks,
+    Truths,
+    over,
+)
 from jaxradar.systems.step.config import (
     BlockSweeps,
     Decision,
@@ -41,119 +57,10 @@ from jaxradar.systems.step.config import (
     usable,
 )
 
-__all__ = ["ApproachDetector", "ApproachObservation", "ApproachState", "CornerTrack"]
-
-# Of one log, or of many side by side as a last axis.
-Cells = Float[Array, "cells *logs"]
-Bank = Float[Array, "speeds places *logs"]
-Places = Float[Array, "places *logs"]
-Speeds = Float[Array, "speeds *logs"]
-Numbers = Float[Array, "*logs"]
-Truths = Bool[Array, "*logs"]
+__all__ = ["ApproachDetector"]
 
 SPECKLE = 0.79  # square of the mean over the mean square, of the cells of simulated roads
 LEAST_STANDING = 0.015  # of the same, summed over cells
-LONGEST_JUMP = 5  # places that evidence may move on within one sweep: 125 mm at 45 km/h and 100 Hz are three
-
-
-class ApproachObservation(eqx.Module):
-    """One sweep as the mean amplitudes of range cells, in counts; `strength`: the largest of them."""
-
-    cells: Cells
-    strength: Numbers
-    valid: Truths
-    saturated: Truths
-
-
-class Echoes(eqx.Module):
-    """`power`: running mean square of each cell, `mean`: running mean, `noise`: power of the noise among them;
-    `stands`: whether the car does, by these. `age_s`: time since the track began or the car
-    last stood, `gap_s`: since the last valid sweep. `tracking`: whether there is anything to go on from; `stood`:
-    whether the car has stood since."""
-
-    power: Cells
-    mean: Cells
-    noise: Numbers
-    stands: Truths
-    age_s: Numbers
-    gap_s: Numbers
-    tracking: Truths
-    stood: Truths
-
-
-class Gathered(eqx.Module):
-    """`evidence`: of each track, by speed and place; `travel`: how far each speed has gone on since its evidence was
-    moved, in places."""
-
-    evidence: Bank
-    travel: Speeds
-
-
-class Alarm(eqx.Module):
-    """`quiet_s`: time since the last detection; `armed`: whether the evidence has been low since then."""
-
-    quiet_s: Numbers
-    armed: Truths
-
-
-class ApproachState(eqx.Module):
-    """What is remembered of the echoes, of the tracks, and of the detections; none but the last looks at it."""
-
-    echoes: Echoes
-    gathered: Gathered
-    alarm: Alarm
-
-
-class Seen(NamedTuple):
-    """One sweep beside those before it: the mean square of each cell before it, the power of the noise; `goes_on`:
-    whether it is later than another of its track, and how much; `counts`: whether it adds to the evidence; `settled`:
-    whether a detection may follow."""
-
-    power: Cells
-    noise: Numbers
-    goes_on: Truths
-    counts: Truths
-    elapsed_s: Numbers
-    settled: Truths
-
-
-class CornerTrack(NamedTuple):
-    """The track with the most evidence: how far ahead of the sensor's foot the corner is, its slant range, and the
-    speed at which it closes in."""
-
-    ahead_m: Numbers
-    range_m: Numbers
-    speed_m_s: Numbers
-
-
-class Told(NamedTuple):
-    """What of a sweep a decision hangs on beside the evidence."""
-
-    strength: Numbers
-    valid: Truths
-    saturated: Truths
-    counts: Truths
-    settled: Truths
-
-    @classmethod
-    def of(cls, observation: ApproachObservation, seen: Seen) -> Told:
-        return cls(observation.strength, observation.valid, observation.saturated, seen.counts, seen.settled)
-
-
-class _Tracks(NamedTuple):
-    """What of a bank does not change. `at` picks the places out of the cells, between the two that are nearest, and
-    `around` means over the cells around them, as products: what picks rows one by one is slower. `tilt` and `cost` are
-    γ and c(γ) there, `inside` whether the sensor sees it; `far`: the cells where what
-    stands straight below does not show."""
-
-    ahead_m: Places
-    at: Float[Array, "places cells"]
-    around: Float[Array, "places cells"]
-    tilt: Places
-    cost: Places
-    inside: Array
-    far: Bool[Array, " cells"]
-    speeds: Speeds
 
 
 class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
@@ -278,8 +185,9 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         )
 
         def gather(held: Gathered, now: Any) -> tuple[Gathered, Any]:
-            held, *found = self.gather(tracks, held, now[0], *now[1], None)
-            return held, found
+            seen, (score, looks) = now
+            held, most, corner = self.gather(tracks, held, seen, score, looks, None)
+            return held, (most, corner)
 
         gathered, (statistic, corner) = jax.lax.scan(gather, state.gathered, (seen, weighed))
         decide = jax.vmap(self.decide)
@@ -295,7 +203,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         """At least two cells."""
         return max(1, min(round(self.cell_m / axis.bin_m), axis.bins // 2))
 
-    def tracks(self, axis: RangeAxis) -> _Tracks:
+    def tracks(self, axis: RangeAxis) -> Tracks:
         """The bank's places and speeds on a range axis."""
         per_cell = self.bins_per_cell(axis)
         centres = axis.averaged(jnp.asarray(axis.range_m), per_cell)
@@ -306,17 +214,15 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         inside = (place >= 0) & (place <= cells - 1) & (ahead > 0)
         # Linear between neighbours.
         at = jnp.maximum(1.0 - jnp.abs(jnp.clip(place, 0.0, cells - 1.0)[:, None] - jnp.arange(cells)), 0.0)
-        around = at @ _means_around(cells, max(1, round(0.5 * self.around_m / (per_cell * axis.bin_m))))
+        around = at @ means_around(cells, max(1, round(0.5 * self.around_m / (per_cell * axis.bin_m))))
         along = jnp.arange(self.places) / (self.places - 1)
         tilt = jnp.asarray(self.tilt_far, float) + (self.tilt_near - jnp.asarray(self.tilt_far, float)) * along
         ratio = jnp.asarray(self.fastest_m_s, float) / self.slowest_m_s
         speeds = self.slowest_m_s * ratio ** (jnp.arange(self.speeds) / max(self.speeds - 1, 1))
         far = centres > jnp.sqrt(jnp.asarray(self.height_m, float) ** 2 + 0.25 * ahead[0] ** 2)
-        return _Tracks(ahead, at, around, tilt, _cost(tilt), inside, far, speeds)
+        return Tracks(ahead, at, around, tilt, cost(tilt), inside, far, speeds)
 
-    def look(
-        self, tracks: _Tracks, state: Echoes, observation: ApproachObservation, dt: Numbers
-    ) -> tuple[Echoes, Seen]:
+    def look(self, tracks: Tracks, state: Echoes, observation: ApproachObservation, dt: Numbers) -> tuple[Echoes, Seen]:
         """Hold a sweep to those before it. Of one log, or of many as a last axis of everything; and so the others."""
         gap = state.gap_s + dt
         tracking = state.tracking & (jnp.abs(gap) <= self.longest_gap_s)
@@ -355,38 +261,36 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
             settled=age >= jnp.where(after.stood, self.start_s, self.settle_s),
         )
 
-    def _stands(self, tracks: _Tracks, power: Cells, mean: Cells, noise: Numbers) -> Truths:
+    def _stands(self, tracks: Tracks, power: Cells, mean: Cells, noise: Any) -> Truths:
         """Whether the road's echoes keep their amplitudes. Of speckle that is driven over they are Rayleigh
         distributed, and the square of their mean is π/4 of the mean square (a little more of cells, which average); of
         what stands in noise it is more by nearly (1 − π/4) ρ², ρ the share of the road in the power (after Rice)."""
         # Every other cell says enough.
         power, mean, far = power[::2], mean[::2], tracks.far[::2]
-        some = (power > 0) & _over(far, noise)
+        some = (power > 0) & over(far, noise)
         inverse = 1.0 / jnp.where(some, power, 1.0)
         weight = jnp.where(some, jnp.maximum(1.0 - noise * inverse, 0.0), 0.0) ** 2
         more = mean**2 * inverse - SPECKLE - self.stands * (1.0 - SPECKLE) * weight
         # Where noise alone is seen, nothing is known to stand.
         return tree(list(weight * more), jnp.add) > LEAST_STANDING
 
-    def weigh(
-        self, tracks: _Tracks, seen: Seen, cells: Float[Array, cells * sweeps]
-    ) -> tuple[Float[Array, places * sweeps], Float[Array, places * sweeps]]:
+    def weigh(self, tracks: Tracks, seen: Seen, cells: Cells) -> tuple[Places, Places]:
         """What each place adds to the evidence of a whole look, and how many looks there are to a metre."""
         times = partial(jnp.tensordot, axes=1)
         expected = jnp.maximum(times(tracks.at, seen.power), self.fade_share * times(tracks.around, seen.power))
         some = expected > 0
         inverse = 1.0 / jnp.where(some, expected, 1.0)
-        over = partial(_over, logs=seen.noise)
-        score = over(tracks.tilt) * times(tracks.at, cells) * jnp.sqrt(inverse) - over(tracks.cost)
-        score = jnp.where(seen.counts & over(tracks.inside) & some, score, 0.0)
+        at_each = partial(over, logs=seen.noise)
+        score = at_each(tracks.tilt) * times(tracks.at, cells) * jnp.sqrt(inverse) - at_each(tracks.cost)
+        score = jnp.where(seen.counts & at_each(tracks.inside) & some, score, 0.0)
         return score, 1.0 / jnp.maximum(self.look_m * (1.0 - seen.noise * inverse), 1e-5)
 
     def gather(
-        self, tracks: _Tracks, state: Gathered, seen: Seen, score: Places, looks: Places, motion: MotionSample | None
+        self, tracks: Tracks, state: Gathered, seen: Seen, score: Places, looks: Places, motion: MotionSample | None
     ) -> tuple[Gathered, Numbers, CornerTrack]:
         """Move the evidence on and add to it; the most there is on a track, and that track."""
-        speeds = _over(tracks.speeds, seen.noise)
-        evidence, travel = _moved_on(state.evidence, state.travel, speeds * (seen.elapsed_s / self.place_m))
+        speeds = over(tracks.speeds, seen.noise)
+        evidence, travel = moved_on(state.evidence, state.travel, speeds * (seen.elapsed_s / self.place_m))
         # Where the road makes the echo a sweep is a part of a look; where noise does, each sweep is one.
         share = jnp.minimum((speeds * seen.elapsed_s)[:, None] * looks, 1.0)
         evidence = jnp.maximum(jnp.where(seen.goes_on, evidence, 0.0) + share * score, 0.0)
@@ -394,11 +298,11 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
             off = jnp.abs(speeds - motion.speed_m_s) > 0.25 * jnp.abs(motion.speed_m_s) + 0.3
             evidence = jnp.where((motion.speed_known & off)[:, None], 0.0, evidence)
         evidence = jax.lax.optimization_barrier(evidence)
-        most = largest_row(_largest_place(evidence))
+        most = largest_row(largest_place(evidence))
         after = Gathered(evidence, jnp.where(seen.goes_on, travel, 0.0))
         return after, most, self.best(tracks, after)
 
-    def best(self, tracks: _Tracks, state: Gathered) -> CornerTrack:
+    def best(self, tracks: Tracks, state: Gathered) -> CornerTrack:
         """The track with the most evidence."""
         found = jnp.argmax(state.evidence.reshape(-1, *state.evidence.shape[2:]), axis=0)
         speed, place = found // self.places, found % self.places
@@ -424,57 +328,9 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
             range_m=corner.range_m,
             speed_m_s=jnp.where(valid & (statistic > 0), -corner.speed_m_s * corner.ahead_m / corner.range_m, 0.0),
             strength=jnp.where(valid, told.strength, 0.0),
-            statistic=jnp.where(valid, statistic, 0.0),
+            statistic=jnp.where(told.counts & told.settled, statistic, 0.0),
             impact_in_s=jnp.where(valid & (statistic > 0), jnp.maximum(way / corner.speed_m_s, 0.0), 0.0),
             valid=valid,
             saturated=told.saturated,
             event=event,
         )
-
-
-def _cost(tilt: Places) -> Places:
-    """c(γ), see the module; e^(γ²/4), which overflows for large γ, taken out of the logarithm."""
-    factor = 0.5 * math.sqrt(math.pi) * tilt * (1.0 + jax.scipy.special.erf(0.5 * tilt))
-    return 0.25 * tilt**2 + jnp.log(jnp.exp(-0.25 * tilt**2) + factor)
-
-
-def _over(values: Array, logs: Numbers) -> Array:
-    """Values along a first axis, the same for all logs."""
-    return values.reshape(-1, *[1] * logs.ndim)
-
-
-def _means_around(cells: int, reach: int) -> np.ndarray:
-    """(cells, cells): means over `reach` cells to either side, the first and the last repeated."""
-    means = np.zeros((cells, cells))
-    for offset in range(-reach, reach + 1):
-        np.add.at(means, (np.arange(cells), np.clip(np.arange(cells) + offset, 0, cells - 1)), 1.0 / (2 * reach + 1))
-    return means
-
-
-def _moved_on(evidence: Bank, travel: Speeds, places: Speeds) -> tuple[Bank, Speeds]:
-    """Evidence of each speed moved by the whole number of places nearest to its way, the rest kept for later."""
-    way = travel + places
-    whole = jnp.floor(jax.lax.stop_gradient(way) + 0.5)
-    count = evidence.shape[1]
-    # Written out before it is read at each of the shifts: padding inside a loop leaves it no vectors.
-    nothing = jnp.zeros_like(evidence[:, :1])
-    wide = jax.lax.optimization_barrier(jnp.concatenate([nothing] * LONGEST_JUMP + [evidence], axis=1))
-    moved = jnp.where((whole == 0)[:, None], evidence, 0.0)
-    for jump in range(1, LONGEST_JUMP + 1):
-        start = LONGEST_JUMP - jump
-        moved = jnp.where((whole == jump)[:, None], wide[:, start : start + count], moved)
-    return moved, way - whole
-
-
-@jax.custom_jvp
-def _largest_place(evidence: Bank) -> Speeds:
-    """The most evidence of each speed, element by element: not by way of a transposed bank."""
-    return tree([evidence[:, place] for place in range(evidence.shape[1])], jnp.maximum)
-
-
-@_largest_place.defjvp
-def _largest_place_jvp(primals: tuple[Bank], tangents: tuple[Bank]) -> tuple[Speeds, Speeds]:
-    (evidence,), (change,) = primals, tangents
-    found = _largest_place(evidence)
-    equal = (evidence == found[:, None]).astype(change.dtype)
-    return found, jnp.sum(change * equal, axis=1) / jnp.maximum(jnp.sum(equal, axis=1), 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,26 +11,25 @@ from jaxtyping import Array, Float, UInt
 
 from jaxradar._settings import bounded, part, setting
 from jaxradar._types import Flag, Flags, RawSweep, Scalar, Setting
-from jaxradar.systems.step.approach import ApproachDetector, ApproachObservation, ApproachState
+from jaxradar.systems.step.approach import ApproachDetector
 from jaxradar.systems.step.config import BlockSweeps, Decision, MotionSample, RangeAxis, StepDetector
 from jaxradar.systems.step.shift import ShiftDetector
-from jaxradar.systems.step.shift_states import ProfileObservation, ShiftState
 
 __all__ = ["DefaultDetector", "DefaultObservation", "DefaultState"]
 
 
 class DefaultObservation(NamedTuple):
-    """What each part sees of one sweep; None of a part that is off."""
+    """What each part sees of one sweep, `ApproachObservation` and `ProfileObservation`; None of a part that is off."""
 
-    approach: ApproachObservation | None
-    shift: ProfileObservation | None
+    approach: Any
+    shift: Any
 
 
 class DefaultState(NamedTuple):
-    """What each part remembers, and the time since the last detection of either."""
+    """What each part remembers, `ApproachState` and `ShiftState`, and the time since the last detection of either."""
 
-    approach: ApproachState | None
-    shift: ShiftState | None
+    approach: Any
+    shift: Any
     quiet_s: Scalar
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from jaxradar.drive import Drive
 from jaxradar.matching import MatchWindow, speed_at
 from jaxradar.sim import RoadScene, held_out_seeds, simulate_each
+from jaxradar.suite.scenes import Negative, StepCell, lead_allowed_s
 from jaxradar.systems.step import StepDetector, detect_batch, stack
-from jaxradar.tasks.detection.scenes import Negative, StepCell, lead_allowed_s
 
 __all__ = ["Found", "Quiet", "measure_negative", "measure_step"]
 

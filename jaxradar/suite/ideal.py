@@ -21,8 +21,8 @@ from scipy.special import i0e
 from jaxradar.drive import Drive
 from jaxradar.estimate.intervals import Estimate, proportion
 from jaxradar.sim import RoadScene, drive_seeds, simulate_each
-from jaxradar.tasks.detection.run import IN_TIME
-from jaxradar.tasks.detection.scenes import StepCell, lead_allowed_s
+from jaxradar.suite.run import IN_TIME
+from jaxradar.suite.scenes import StepCell, lead_allowed_s
 
 __all__ = ["Ideal", "ideal_observer"]
 

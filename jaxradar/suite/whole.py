@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from jaxradar.estimate.intervals import Estimate, percentile, proportion, rate
+from jaxradar.suite.run import Found, Quiet, measure_negative, measure_step, threshold_at
+from jaxradar.suite.scenes import NEGATIVES, StepCell
 from jaxradar.systems.step import StepDetector
-from jaxradar.tasks.detection.run import Found, Quiet, measure_negative, measure_step, threshold_at
-from jaxradar.tasks.detection.scenes import NEGATIVES, Negative, StepCell
 
 __all__ = ["CellScore", "QuietScore", "Suite", "run_suite", "suite_record"]
 
@@ -72,28 +72,29 @@ def run_suite(
 ) -> Suite:
     """Every detector over `count` drives of each cell, and over so many hours without a step, all of held-out seeds."""
     parts = [max(8, math.ceil(3600.0 * hours * one.share / one.duration_s)) for one in NEGATIVES]
-    total = sum(sum_of_sweeps(one, part) for one, part in zip(NEGATIVES, parts, strict=True)) + len(cells) * count * 1.5
+    seconds = sum(one.duration_s * part for one, part in zip(NEGATIVES, parts, strict=True))
+    total = seconds + len(cells) * count * 1.5  # a drive over a step takes about so long
     done = 0.0
+
+    def hear(name: str, weight: float) -> Callable[[int], None]:
+        before = done
+        return lambda drives: told(name, (before + weight * drives) / total)
+
     quiet: dict[str, dict[str, Quiet]] = {name: {} for name in detectors}
     for negative, part in zip(NEGATIVES, parts, strict=True):
-        before, weight = done, sum_of_sweeps(negative, part) / part
-        hear = lambda drives, before=before, weight=weight, name=negative.name: told(  # noqa: E731
-            name, (before + weight * drives) / total
-        )
-        for name, one in measure_negative(negative, detectors, part, seed, hear).items():
+        raised = measure_negative(negative, detectors, part, seed, hear(negative.name, negative.duration_s))
+        for name, one in raised.items():
             quiet[name][negative.name] = one
-        done = before + weight * part
+        done += negative.duration_s * part
     thresholds = {
         name: threshold_at(np.concatenate([one.tops for one in held.values()]), sum(one.hours for one in held.values()))
         for name, held in quiet.items()
     }
     found: dict[str, dict[StepCell, Found]] = {name: {} for name in detectors}
     for cell in cells:
-        before = done
-        hear = lambda drives, before=before, name=cell.name: told(name, (before + 1.5 * drives) / total)  # noqa: E731
-        for name, one in measure_step(cell, detectors, count, seed, hear).items():
-            found[name][cell] = one
-        done = before + 1.5 * count
+        for name, held in measure_step(cell, detectors, count, seed, hear(cell.name, 1.5)).items():
+            found[name][cell] = held
+        done += 1.5 * count
     usual = [cell for cell in cells if not cell.variation and cell.height_m >= 0.02 and cell.speed_kmh >= 10.0]
     return Suite(
         quiet={name: {key: _quiet(one) for key, one in held.items()} for name, held in quiet.items()},
@@ -102,11 +103,6 @@ def run_suite(
         roc={name: _roc(quiet[name], [found[name][cell] for cell in usual], detectors[name]) for name in detectors},
         roc_of="steps up of 20 mm and more at 10 km/h and more",
     )
-
-
-def sum_of_sweeps(negative: Negative, drives: int) -> float:
-    """What a kind of road costs, in seconds of driving."""
-    return negative.duration_s * drives
 
 
 def _quiet(one: Quiet) -> QuietScore:

@@ -1,9 +1,9 @@
 """The detection suite: steps of every kind and roads without one, held against every detector."""
 
-from jaxradar.tasks.detection.ideal import Ideal, ideal_observer
-from jaxradar.tasks.detection.run import Found, Quiet, measure_negative, measure_step
-from jaxradar.tasks.detection.scenes import NEGATIVES, ROADS, Negative, StepCell, grid, variations
-from jaxradar.tasks.detection.suite import CellScore, QuietScore, Suite, run_suite, suite_record
+from jaxradar.suite.ideal import Ideal, ideal_observer
+from jaxradar.suite.run import Found, Quiet, measure_negative, measure_step
+from jaxradar.suite.scenes import NEGATIVES, ROADS, Negative, StepCell, grid, variations
+from jaxradar.suite.whole import CellScore, QuietScore, Suite, run_suite, suite_record
 
 __all__ = [
     "NEGATIVES",

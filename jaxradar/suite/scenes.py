@@ -59,7 +59,7 @@ def base_scene(surface: Surface, **changed: Any) -> RoadScene:
     """A small electric car on springs with the sensor of the thesis and its receiver's noise."""
     effects = (ReceiverNoise(), *(EFFECTS[name]() for name in ("saturation", "quantisation")))
     held = {"radar": Radar(rate_hz=RATE_HZ), "surface": surface, "vehicle": HalfCar(), "effects": effects}
-    return RoadScene(**{**held, **changed})  # type: ignore[arg-type]
+    return RoadScene(**{**held, **changed})
 
 
 def lead_allowed_s(scene: RoadScene, speed_m_s: float, height_m: float) -> float:
@@ -157,7 +157,7 @@ def variations() -> Iterator[StepCell]:
             ("sensor 35 mm higher", {"mount": (("height_m", 0.385),)}),
             ("sensor at 40°", {"mount": (("angle_deg", 40.0),)}),
         ):
-            yield dataclasses.replace(usual, variation=variation, **changed)  # type: ignore[arg-type]
+            yield dataclasses.replace(usual, variation=variation, **changed)
 
 
 @dataclasses.dataclass(frozen=True)
