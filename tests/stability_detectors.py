@@ -13,12 +13,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import stability_oracles as oracles
+from approach_oracle import approach
 from stability_case import Case, Inputs, scalars
 
 from jaxradar.drive import SweepFlag
 from jaxradar.systems.step import (
     DETECTORS,
+    ApproachDetector,
     Decision,
+    DefaultDetector,
     LabLiveDetector,
     RangeAxis,
     RangeRateDetector,
@@ -55,7 +58,7 @@ def inputs_of(detector: Any, bins: int) -> Inputs:
     """Every sweep; every time step, setting at its bounds and temperature of the decision with an ordinary echo."""
     usual = {name: float(getattr(detector, name)) for name in tunable(detector)}
     given = hard.sweeps(bins)
-    if isinstance(detector, ShiftDetector):  # `shifted_correlations` squares amplitudes: as far as float32 holds them
+    if isinstance(detector, ShiftDetector | ApproachDetector):  # both square amplitudes: as far as float32 holds them
         given |= {"huge": given["echo"] * 2.0**44, "tiny": given["echo"] * 2.0**-50}
 
     def one(sweep: str = "echo", step_s: float = 0.01, temperature: float = 0.1, **moved: float) -> tuple[Any, ...]:
@@ -188,10 +191,27 @@ def shift(counts: np.ndarray, dt: np.ndarray, flags: np.ndarray, settings: dict[
     return {"strength": strengths, "statistic": statistics, "valid": valid_ones}
 
 
+def closing_in(
+    detector: Any, counts: np.ndarray, dt: np.ndarray, flags: np.ndarray, settings: dict[str, float]
+) -> dict[str, Any]:
+    bins = counts.shape[1]
+    range_m = np.asarray(axis_of(bins).range_m)
+    usable = (flags & int(SweepFlag.INVALID)) == 0
+    per_cell = max(1, min(round(detector.cell_m / BIN_M), bins // 2))
+    cells = np.array([oracles.finite(row)[: bins // per_cell * per_cell] for row in counts])
+    strength = cells.reshape(len(counts), -1, per_cell).mean(axis=2).max(axis=1)
+    shapes = {one.name: getattr(detector, one.name) for one in dataclasses.fields(detector)}
+    statistic, _ = approach(counts, dt, usable, range_m, BIN_M, {**shapes, **settings})
+    valid = usable & (strength > 0)
+    return {"strength": np.where(valid, strength, 0.0), "statistic": statistic, "valid": valid}
+
+
 def answer_of(detector: Any, counts: Any, dt: Any, flags: Any, temperature: Any, *settings: Any) -> dict[str, Any]:
     held = dict(zip(tunable(detector), map(float, settings), strict=True))
     if isinstance(detector, LabLiveDetector):
         return lab_live(counts, dt, held)
+    if isinstance(detector, ApproachDetector):
+        return closing_in(detector, counts, dt, flags, held)
     if isinstance(detector, ShiftDetector):
         return shift(counts, dt, flags, held)
     peak = place_by_thesis if isinstance(detector, ThesisDetector) else partial(place_by_peak, detector.peak)
@@ -200,9 +220,13 @@ def answer_of(detector: Any, counts: Any, dt: Any, flags: Any, temperature: Any,
 
 def detector_cases() -> Iterator[Case]:
     for name, kind in DETECTORS.items():
+        if kind is DefaultDetector:  # its parts are here
+            continue
         peaks = PEAKS if kind is RangeRateDetector else (None,)
         for peak in peaks:
             detector = kind() if peak is None else kind(peak=peak)
+            if kind is ApproachDetector:  # else the few sweeps are over before it has settled
+                detector = ApproachDetector(settle_s=0.0, start_s=0.0, speeds=3, places=9, place_m=0.06)
             settings = tuple(range(4, 4 + len(tunable(detector))))
             for bins in (2, 16, 128) if peak in (None, "soft-argmax") else (2, 16):
                 # The function needs the axis, so each length is a case of its own.
@@ -243,6 +267,6 @@ def detector_cases() -> Iterator[Case]:
 def _weights(statistic: Any, threshold: Any, temperature: Any) -> dict[str, Any]:
     """Of a valid sweep, and of one that is not."""
     none, no = jnp.zeros_like(statistic), jnp.zeros((), bool)
-    both = jax.vmap(lambda valid: Decision(none, none, none, statistic, valid, no, no))(jnp.array([True, False]))
+    both = jax.vmap(lambda valid: Decision(none, none, none, statistic, none, valid, no, no))(jnp.array([True, False]))
     moved = eqx.tree_at(lambda one: one.threshold_m_s, RangeRateDetector(), threshold)
     return {"weight": event_weights(moved, both, temperature)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,10 @@ import pytest
 
 from jaxradar.cli import evaluate, main
 
-COMMANDS = ["demo", "info", "view", "import", "evaluate", "label", "simulate", "frontier", "convert", "config"]
+COMMANDS = [
+    *("demo", "info", "view", "import", "evaluate", "label", "simulate", "tune", "frontier", "bench-detection"),
+    *("convert", "config"),
+]
 
 
 def said(capsys: pytest.CaptureFixture[str]) -> tuple[str, str]:
@@ -30,7 +34,7 @@ def test_every_command_has_help_with_an_example(command: str, capsys: pytest.Cap
 def test_help_lists_the_commands(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
     out, _ = said(capsys)
-    assert [line.split()[0] for line in out.split("COMMAND\n")[1].splitlines() if line.startswith("    ")] == COMMANDS
+    assert [line.split()[0] for line in out.split("COMMAND\n")[1].splitlines() if re.match(r" {4}\S", line)] == COMMANDS
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
@@ -59,7 +63,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         (["view", "x", "--detector", "defualt"], "did you mean `default`?"),
         (["view", "x", "--start", "5", "--stop", "3"], "--stop 3"),
         (["label", "x", "--acceleration", "0"], "'0'"),
-        (["config", "lab"], "expected thesis, lab-live, range-rate, default"),
+        (["config", "lab"], "expected thesis, lab-live, range-rate, shift, approach, default"),
         (["convert", "x", "x"], "same log"),
     ],
 )

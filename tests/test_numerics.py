@@ -9,7 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxradar._numerics import as_scalar, finite, first_argmax, operations, safe_divide, safe_sqrt, soft_exceeds
+from jaxradar._numerics import (
+    as_scalar,
+    finite,
+    first_argmax,
+    largest_row,
+    operations,
+    safe_divide,
+    safe_sqrt,
+    soft_exceeds,
+)
 
 
 def test_soft_threshold_tends_to_the_hard_one(precision: str) -> None:
@@ -83,3 +92,10 @@ def test_operations_of_loops_products_and_branches() -> None:
     assert count(jax.vmap(jnp.dot), jnp.ones((6, 4)), jnp.ones((6, 4))) == 2 * 6 * 4
     branches = lambda x: jax.lax.cond(x[0] > 0, lambda y: loop(y, 7), two, x)  # noqa: E731
     assert count(branches, vector) - count(lambda x: x[0] > 0, vector) == pytest.approx(70, abs=1)  # and the switch
+
+
+def test_the_largest_row_shares_its_slope_among_equals() -> None:
+    rows = jnp.array([[1.0, 5.0], [3.0, 5.0], [2.0, 4.0]])
+    np.testing.assert_array_equal(largest_row(rows), [3.0, 5.0])
+    slope = jax.grad(lambda one: largest_row(one) @ jnp.array([1.0, 2.0]))(rows)
+    np.testing.assert_array_equal(slope, [[0.0, 1.0], [1.0, 1.0], [0.0, 0.0]])
