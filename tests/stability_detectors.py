@@ -166,6 +166,8 @@ def shift(counts: np.ndarray, dt: np.ndarray, flags: np.ndarray, settings: dict[
     cell_m = (centres[-1] - centres[0]) / (len(centres) - 1)
     reach = max(1, min(round(made.reach_m / (per_cell * BIN_M)), len(centres) - 1))
     reference, gap, tracking, out = np.zeros(len(centres)), 0.0, False, []
+    still = jumping = 1e6
+    age = 0.0
     for sweep, step in zip(counts, dt, strict=True):
         cells = cells_of(oracles.finite(sweep))
         floor = oracles.noise_floor(cells)
@@ -176,13 +178,22 @@ def shift(counts: np.ndarray, dt: np.ndarray, flags: np.ndarray, settings: dict[
         valid = strength > max(0, settings["over_floor"] * floor["level"], settings["over_scatter"] * floor["scatter"])
         gap += step
         tracking &= abs(gap) <= settings["longest_gap_s"]
-        statistic = 0.0
+        statistic = explained = 0.0
         share = 1.0 if valid else 0.0
+        fresh = valid and not tracking
+        lost = fresh and age > 0
         if valid and tracking:
             shift = oracles.profile_shift(profile, reference, reach)
+            explained = shift["unexplained_still"] - shift["unexplained_moved"][0]
             if abs(np.ravel(shift["cells"])[0] * cell_m) >= settings["least_shift_m"]:
-                statistic = max(shift["unexplained_still"] - shift["unexplained_moved"][0], 0.0)
+                statistic = max(explained, 0.0)
             share = 1 - np.exp(-max(gap, 0.0) / settings["window_s"])
+        rises = explained > settings["restless"] * settings["evidence"]
+        jumping = 0.0 if rises and still >= settings["still_s"] else jumping + max(step, 0.0)
+        still = 0.0 if rises or lost else still + max(step, 0.0)
+        age = 0.0 if fresh else age + max(step, 0.0)
+        if settings["still_s"] > 0 and jumping > settings["sudden_s"]:
+            statistic = 0.0
         reference = reference + share * (profile - reference)
         if valid:
             gap, tracking = 0.0, True
