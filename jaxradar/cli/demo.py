@@ -118,7 +118,7 @@ def _story(name: str, scene: RoadScene, drive: Drive) -> str:
 
 def _verdict(results: list[SeriesResult], scene: RoadScene, drive: Drive) -> str:
     """What the alarms are worth, without praise for a hit that chance alone would give."""
-    thesis, default = (len(result.events) for result in results)
+    thesis = len(results[0].events)
     steps = len(drive.truth.steps) if drive.truth is not None else 0
     text = f"{thesis} alarms of the thesis's rule for {steps} step{'' if steps == 1 else 's'}."
     if thesis > 10 * steps + 10:
