@@ -39,6 +39,7 @@ def made(
         speed_m_s=np.zeros(count),
         strength=np.ones(count),
         statistic=np.zeros(count),
+        impact_in_s=np.zeros(count),
         valid=valid,
         saturated=np.zeros(count, bool),
         threshold=0.7,
