@@ -46,7 +46,7 @@ def corner_drive(seed: int, speed: float = 8.0, ahead_m: float = 3.5, rate_hz: f
     echo = 700.0 * (ahead > 0)[:, None] * np.exp(-0.5 * ((range_m - slant[:, None]) / 0.025) ** 2)
     sweeps = np.abs(random.rayleigh(150.0, (count, 64)) + echo)
     flags = np.zeros(count, np.uint16)
-    flags[[50, 51, 100]] = SweepFlag.MISSED_DATA
+    flags[[1, 50, 51, 100]] = SweepFlag.MISSED_DATA
     return SensorSeries(1, np.rint(times * 1e9).astype(np.int64), np.rint(sweeps).astype(np.uint16), range_m, flags)
 
 

@@ -57,20 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and leave")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=_Parser)
-    for command in (
-        demo,
-        info,
-        view,
-        ingest,
-        evaluate,
-        label,
-        simulate,
-        tune,
-        frontier,
-        bench_detection,
-        convert,
-        config,
-    ):
+    for command in _COMMANDS:
         command.add_to(commands)
     return parser
 

@@ -157,7 +157,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         tracks = self.tracks(axis)
         echoes, seen = self.look(tracks, state.echoes, observation, dt)
         gathered, statistic, corner = self.gather(
-            tracks, state.gathered, seen, *self.weigh(tracks, seen, observation.cells), motion
+            tracks, state.gathered, seen, *self.weigh(tracks, seen, observation.cells)
         )
         alarm, decision = self.decide(state.alarm, Told.of(observation, seen), statistic, corner, dt)
         return ApproachState(echoes, gathered, alarm), decision
@@ -186,7 +186,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
 
         def gather(held: Gathered, now: Any) -> tuple[Gathered, Any]:
             seen, (score, looks) = now
-            held, most, corner = self.gather(tracks, held, seen, score, looks, None)
+            held, most, corner = self.gather(tracks, held, seen, score, looks)
             return held, (most, corner)
 
         gathered, (statistic, corner) = jax.lax.scan(gather, state.gathered, (seen, weighed))
@@ -229,7 +229,8 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         goes_on, fresh = observation.valid & tracking, observation.valid & ~tracking
         elapsed = jnp.where(tracking, jnp.maximum(dt, 0.0), 0.0)
         now = observation.cells**2
-        begins = fresh | (state.age_s <= 0)
+        # A sweep without data begins nothing: it would take the place of what is known.
+        begins = fresh | (goes_on & (state.age_s <= 0))
         before = jnp.where(begins, now, state.power)
         mean = jnp.where(begins, observation.cells, state.mean)
         stands = goes_on & state.stands
@@ -286,7 +287,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         return score, 1.0 / jnp.maximum(self.look_m * (1.0 - seen.noise * inverse), 1e-5)
 
     def gather(
-        self, tracks: Tracks, state: Gathered, seen: Seen, score: Places, looks: Places, motion: MotionSample | None
+        self, tracks: Tracks, state: Gathered, seen: Seen, score: Places, looks: Places
     ) -> tuple[Gathered, Numbers, CornerTrack]:
         """Move the evidence on and add to it; the most there is on a track, and that track."""
         speeds = over(tracks.speeds, seen.noise)
@@ -294,9 +295,6 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         # Where the road makes the echo a sweep is a part of a look; where noise does, each sweep is one.
         share = jnp.minimum((speeds * seen.elapsed_s)[:, None] * looks, 1.0)
         evidence = jnp.maximum(jnp.where(seen.goes_on, evidence, 0.0) + share * score, 0.0)
-        if motion is not None:
-            off = jnp.abs(speeds - motion.speed_m_s) > 0.25 * jnp.abs(motion.speed_m_s) + 0.3
-            evidence = jnp.where((motion.speed_known & off)[:, None], 0.0, evidence)
         evidence = jax.lax.optimization_barrier(evidence)
         most = largest_row(largest_place(evidence))
         after = Gathered(evidence, jnp.where(seen.goes_on, travel, 0.0))
@@ -323,13 +321,15 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         event = told.counts & told.settled & state.armed & (statistic > self.evidence)
         rearmed = (statistic < self.release * self.evidence) & (quiet >= self.refractory_s)
         valid = told.valid
+        # Less evidence than that is of noise, whose track says nothing.
+        foreseen = told.counts & told.settled & (statistic > self.release * self.evidence)
         way = corner.ahead_m + self.front_wheel_m - self.contact_m
         return Alarm(jnp.where(event, 0.0, quiet), ~event & (state.armed | rearmed)), Decision(
             range_m=corner.range_m,
             speed_m_s=jnp.where(valid & (statistic > 0), -corner.speed_m_s * corner.ahead_m / corner.range_m, 0.0),
             strength=jnp.where(valid, told.strength, 0.0),
             statistic=jnp.where(told.counts & told.settled, statistic, 0.0),
-            impact_in_s=jnp.where(valid & (statistic > 0), jnp.maximum(way / corner.speed_m_s, 0.0), 0.0),
+            impact_in_s=jnp.where(foreseen, jnp.maximum(way / corner.speed_m_s, 0.0), 0.0),
             valid=valid,
             saturated=told.saturated,
             event=event,

@@ -87,17 +87,12 @@ class DefaultDetector(StepDetector[DefaultObservation, DefaultState]):
         motion: MotionSample | None,
         dt: Scalar,
     ) -> tuple[DefaultState, Decision]:
-        approach, shift = self._at_level()
-        found: list[tuple[Decision, Setting]] = []
-        held_approach, held_shift = state.approach, state.shift
-        if approach is not None:
-            held_approach, decision = approach.track(axis, held_approach, observation.approach, motion, dt)
-            found.append((decision, approach.threshold))
-        if shift is not None:
-            held_shift, decision = shift.track(axis, held_shift, observation.shift, motion, dt)
-            found.append((decision, shift.threshold))
+        held, found = {}, []
+        for name, one in self._parts():
+            held[name], decision = one.track(axis, getattr(state, name), getattr(observation, name), motion, dt)
+            found.append(decision)
         quiet, decision = self._combined(found, state.quiet_s, dt)
-        return DefaultState(held_approach, held_shift, quiet), decision
+        return state._replace(**held, quiet_s=quiet), decision
 
     def follow(
         self,
@@ -107,54 +102,44 @@ class DefaultDetector(StepDetector[DefaultObservation, DefaultState]):
         flags: UInt[Array, "logs sweeps"],
         dt: Float[Array, "logs sweeps"],
     ) -> tuple[DefaultState, Decision]:
-        approach, shift = self._at_level()
-        found: list[tuple[Decision, Setting]] = []
-        held_approach, held_shift = state.approach, state.shift
-        if approach is not None:
-            held_approach, decision = approach.follow(axis, held_approach, sweeps, flags, dt)
-            found.append((decision, approach.threshold))
-        if shift is not None:
-            held_shift, decision = shift.follow(axis, held_shift, sweeps, flags, dt)
-            found.append((decision, shift.threshold))
+        held, found = {}, []
+        for name, one in self._parts():
+            held[name], decision = one.follow(axis, getattr(state, name), sweeps, flags, dt)
+            found.append(decision)
+        combine = jax.vmap(lambda quiet, decisions, elapsed: self._combined(decisions, quiet, elapsed))
+        by_step = jax.tree.map(jnp.transpose, (found, dt))
+        quiet, decision = jax.lax.scan(lambda before, now: combine(before, *now), state.quiet_s, by_step)
+        return state._replace(**held, quiet_s=quiet), jax.tree.map(jnp.transpose, decision)
 
-        thresholds = [one for _, one in found]
+    def _parts(self) -> list[tuple[str, StepDetector[Any, Any]]]:
+        """Those that are on, with their thresholds times `level`, and what hangs on them."""
+        found: list[tuple[str, StepDetector[Any, Any]]] = []
+        if self.approach is not None:
+            raised = eqx.tree_at(lambda one: one.evidence, self.approach, self.approach.evidence * self.level)
+            found.append(("approach", raised))
+        if self.shift is not None:
+            both = lambda one: (one.evidence, one.release)  # noqa: E731
+            found.append(("shift", eqx.tree_at(both, self.shift, [one * self.level for one in both(self.shift)])))
+        return found
 
-        @jax.vmap
-        def combine(quiet: Scalar, decisions: list[Decision], elapsed: Scalar) -> tuple[Scalar, Decision]:
-            return self._combined(list(zip(decisions, thresholds, strict=True)), quiet, elapsed)
-
-        by_step = jax.tree.map(jnp.transpose, ([one for one, _ in found], dt))
-        quiet, decision = jax.lax.scan(lambda held, now: combine(held, *now), state.quiet_s, by_step)
-        return DefaultState(held_approach, held_shift, quiet), jax.tree.map(jnp.transpose, decision)
-
-    def _at_level(self) -> tuple[ApproachDetector | None, ShiftDetector | None]:
-        """The parts with their thresholds times `level`."""
-        return tuple(  # type: ignore[return-value]
-            None if one is None else eqx.tree_at(lambda held: held.evidence, one, one.evidence * self.level)
-            for one in (self.approach, self.shift)
-        )
-
-    def _combined(self, found: list[tuple[Decision, Setting]], quiet_s: Scalar, dt: Scalar) -> tuple[Scalar, Decision]:
-        """`found`: of each part that is on its decision and threshold; the last one's echo is reported."""
+    def _combined(self, found: list[Decision], quiet_s: Scalar, dt: Scalar) -> tuple[Scalar, Decision]:
+        """`found`: of each part that is on; the last one's echo is reported."""
         quiet = quiet_s + jnp.maximum(dt, 0.0)
-        event: Flag = found[0][0].event
-        statistic = found[0][0].statistic / self._own(found[0][1])
-        for decision, threshold in found[1:]:
+        own = [one.evidence for one in (self.approach, self.shift) if one is not None]
+        event: Flag = found[0].event
+        statistic = found[0].statistic / jnp.maximum(own[0], 1e-9)
+        for decision, threshold in zip(found[1:], own[1:], strict=True):
             event = event | decision.event
-            statistic = jnp.maximum(statistic, decision.statistic / self._own(threshold))
+            statistic = jnp.maximum(statistic, decision.statistic / jnp.maximum(threshold, 1e-9))
         event = event & (quiet > self.refractory_s)
-        last = found[-1][0]
+        last = found[-1]
         return jnp.where(event, 0.0, quiet), Decision(
             range_m=last.range_m,
             speed_m_s=last.speed_m_s,
             strength=last.strength,
             statistic=statistic,
-            impact_in_s=found[0][0].impact_in_s,
+            impact_in_s=found[0].impact_in_s,
             valid=last.valid,
             saturated=last.saturated,
             event=event,
         )
-
-    def _own(self, threshold: Setting) -> Scalar:
-        """A part's threshold before it was raised to the level."""
-        return jnp.maximum(threshold / jnp.maximum(jnp.asarray(self.level, float), 1e-9), 1e-9)
