@@ -2,7 +2,7 @@
 
     python scripts/road_recordings.py DIR          # a folder of A111 recordings named SURFACE_…_ANGLE.h5
 
-Prints, in this order: the thesis's alarms beside those of a plain NumPy script; the largest statistic of the default
+Prints, in this order: the thesis's alarms beside those of a plain NumPy script; the largest statistic of the shift
 detector on each recording as a share of its threshold, at the recording's own rate and with its times rewritten to
 100 and 300 Hz, with all bins and thinned to 128; where it finds no echo in `demo1`; and the share of injected steps
 that each detector finds over height. The recordings are split by order of name: settings were chosen on every other
@@ -14,30 +14,16 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Literal
 
-import jax
 import numpy as np
 
 from jaxradar.drive import SensorSeries
 from jaxradar.logs import read_log
-from jaxradar.sim.inject import inject_step, retimed
-from jaxradar.systems.step import (
-    RangeAxis,
-    ShiftDetector,
-    StepDetector,
-    detect,
-    load_detector,
-    precision,
-    run_batch,
-    thin,
-    time_steps,
-)
+from jaxradar.sim.inject import retimed
+from jaxradar.suite.recordings import FORMS, Form, found_in_time
+from jaxradar.systems.step import ShiftDetector, StepDetector, detect, load_detector, thin
 
 HEIGHTS_M = (0.0, 0.005, 0.010, 0.015, 0.020, 0.030, 0.040, 0.060, 0.080)
-FIRST_SWEEPS = (35, 50, 65, 80)
-FORMS: tuple[Literal["scaled"], Literal["pencil"]] = ("scaled", "pencil")
-READY_S, DEADLINE_S = 0.1, 0.040
 OTHER_HEIGHT_M = 0.335  # of the sensor, where a surface has no recording at 0°
 
 
@@ -62,38 +48,18 @@ def detection_rates(
     detector: StepDetector,
     recordings: dict[str, SensorSeries],
     heights: dict[str, float],
-    form: Literal["scaled", "pencil"],
+    form: Form,
     rate: float,
     bins: int | None,
 ) -> dict[float, dict[str, float]]:
     """For each height of step and each recording, the share of injected steps that the detector finds in time."""
-    run = jax.jit(run_batch)
-    before, after = round(READY_S * rate), int(DEADLINE_S * rate + 1e-9)
-    found: dict[float, dict[str, float]] = {}
-    for height_m in HEIGHTS_M:
-        batch = []
-        for name, series in recordings.items():
-            for first in FIRST_SWEEPS:
-                cut = slice(first - before, first + after + 1)
-                part = retimed(_cut(series, cut), rate)
-                part = inject_step(part, height_m, before, heights[name], form)
-                batch.append(thin(part, bins) if bins else part)
-        with precision(detector):
-            decisions = run(
-                detector,
-                RangeAxis.of(batch[0].range_m),
-                np.stack([part.sweeps for part in batch]),
-                np.stack([part.flags for part in batch]),
-                np.stack([time_steps(part.times_ns) for part in batch]),
-                np.full(len(batch), len(batch[0])),
-            )
-        hits = np.asarray(decisions.event)[:, before:].any(axis=1).reshape(len(recordings), len(FIRST_SWEEPS))
-        found[height_m] = dict(zip(recordings, hits.mean(axis=1), strict=True))
-    return found
-
-
-def _cut(series: SensorSeries, part: slice) -> SensorSeries:
-    return SensorSeries(series.sensor, series.times_ns[part], series.sweeps[part], series.range_m, series.flags[part])
+    return {
+        height_m: {
+            name: found_in_time(detector, series, height_m, heights[name], form, rate, bins)
+            for name, series in recordings.items()
+        }
+        for height_m in HEIGHTS_M
+    }
 
 
 def wilson(successes: float, trials: int) -> tuple[float, float]:
@@ -112,9 +78,12 @@ def print_standing(recordings: dict[str, SensorSeries], moving: SensorSeries | N
         "Standing recordings: alarms of the thesis's rule at 128 bins (NumPy's in brackets), and the largest statistic"
     )
     print(
-        "of the default in percent of its threshold, all bins / 128 bins, with its alarms where there are any. So that"
+        "of `shift` in percent of its threshold, all bins / 128 bins, with the alarms of `default` where there are any."
     )
-    print("nothing hides, the statistic is taken with no least shift here: the evidence alone has to stay below.")
+    print(
+        "So that nothing hides, `shift` has no least shift and waits for no stillness here: the evidence alone has to"
+    )
+    print("stay below.")
     print(f"{'':17}{'':9}{'thesis':>10}{'own rate':>14}{'100 Hz':>14}{'300 Hz':>14}")
     total = [0, 0]
     for name, series in recordings.items():

@@ -13,6 +13,7 @@ from step_samples import echo
 from jaxradar.cli import main
 from jaxradar.drive import Mounting
 from jaxradar.systems.step import (
+    ApproachDetector,
     DetectorFile,
     RangeAxis,
     RangeRateDetector,
@@ -120,6 +121,15 @@ def test_the_command_prints_a_file_that_says_where_its_threshold_comes_from(
     }
 
 
+def test_the_bound_of_the_approach_needs_a_rate_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["config", "approach", *ASKED[:4]]) == 0
+    path = tmp_path / "mine.toml"
+    path.write_text(capsys.readouterr().out, encoding="utf-8")
+    read = load_detector(path)
+    assert float(read.detector.threshold) == float(ApproachDetector.from_false_alarm_rate(1.0, rate_hz=100.0).threshold)
+    assert read.provenance["evidence"].startswith("from theory")
+
+
 def test_all_else_in_a_file_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "mine.toml"
     held = DetectorFile(RangeRateDetector(peak="parabola", exponent=1.0), Mounting(0.35, 45.0, None), {"data": "mine"})
@@ -138,8 +148,10 @@ def test_all_else_in_a_file_stays(tmp_path: Path, capsys: pytest.CaptureFixture[
     ("arguments", "message"),
     [
         (["default", *ASKED], "there is no theory of the false alarms of `default`; --false-alarms-per-hour is for "),
-        (["lab-live", *ASKED], "of `lab-live`; --false-alarms-per-hour is for thesis and range-rate."),
+        (["lab-live", *ASKED], "of `lab-live`; --false-alarms-per-hour is for thesis, range-rate, approach."),
         (["thesis", *ASKED[:2]], "--false-alarms-per-hour needs --rate and --range-noise-mm."),
+        (["approach", *ASKED[:2]], "--false-alarms-per-hour needs --rate."),
+        (["approach", *ASKED], "--range-noise-mm says nothing of the false alarms of `approach`."),
         (["thesis", *ASKED[:4]], "--false-alarms-per-hour needs --range-noise-mm."),
         (["thesis", *ASKED[2:4]], "--rate says nothing without --false-alarms-per-hour."),
         (["thesis", "--noise-correlation", "0"], "--noise-correlation says nothing without --false-alarms-per-hour."),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -10,11 +11,24 @@ import numpy as np
 import pytest
 
 from jaxradar.cli import main
-from jaxradar.sim import simulate_batch
-from jaxradar.suite import NEGATIVES, Found, StepCell, grid, ideal_observer, measure_step, variations
-from jaxradar.suite.run import threshold_at
-from jaxradar.suite.scenes import lead_allowed_s
-from jaxradar.systems.step import ApproachDetector, ThesisDetector
+from jaxradar.drive import SensorSeries
+from jaxradar.sim import CarMotion, Radar, simulate_batch
+from jaxradar.suite import (
+    NEGATIVES,
+    ROADS,
+    Found,
+    StepCell,
+    found_in_time,
+    grid,
+    ideal_observer,
+    measure_recordings,
+    measure_step,
+    recorded_record,
+    threshold_at,
+    variations,
+)
+from jaxradar.suite.scenes import base_scene, lead_allowed_s
+from jaxradar.systems.step import ApproachDetector, DefaultDetector, LabLiveDetector, ThesisDetector, dump_detector
 
 
 def test_a_cell_s_drives_meet_their_step_after_detectors_have_settled() -> None:
@@ -50,6 +64,58 @@ def test_the_threshold_of_one_alarm_an_hour() -> None:
     tops = np.arange(100.0)
     assert threshold_at(tops, 3.0) == 97.0
     assert threshold_at(tops, 0.5) == math.inf
+
+
+@pytest.fixture(scope="module")
+def standing() -> list[SensorSeries]:
+    """3.4 s at 31.5 sweeps/s over wet asphalt, as the public recordings are."""
+    scene = base_scene(ROADS["wet"], radar=Radar(rate_hz=31.5), motion=CarMotion(speed_m_s=0.0), duration_s=3.4)
+    return [drive.sensors[0] for drive in simulate_batch([scene] * 3, [1, 2, 3])]
+
+
+def test_nothing_is_raised_where_nothing_moves_and_steps_put_in_are_found(standing: list[SensorSeries]) -> None:
+    said: list[float] = []
+    detectors = {"default": DefaultDetector(), "lab-live": LabLiveDetector()}
+    found = measure_recordings(detectors, standing, lambda what, share: said.append(share))
+    assert found["default"].alarms == {None: 0, 100.0: 0, 300.0: 0}
+    assert found["default"].seconds[None] == pytest.approx(3 * 3.4, rel=0.02)
+    assert found["default"].seconds[300.0] == pytest.approx(3 * 107 / 300.0, rel=0.02)
+    assert found["default"].injected[100.0, 0.08].value > 0.7
+    assert found["default"].injected[100.0, 0.08].low < 0.5  # three recordings say little
+    assert {share.value for share in found["lab-live"].injected.values()} == {0.0}
+    assert said == sorted(said)
+    assert said[-1] == 1.0
+    held = json.loads(json.dumps(recorded_record(found["default"]), allow_nan=False))
+    assert [one["alarms"] for one in held["alarms"]] == [0, 0, 0]
+
+
+def test_into_a_short_recording_no_step_is_put(standing: list[SensorSeries]) -> None:
+    short = dataclasses.replace(
+        standing[0], times_ns=standing[0].times_ns[:60], sweeps=standing[0].sweeps[:60], flags=standing[0].flags[:60]
+    )
+    found = measure_recordings({"lab-live": LabLiveDetector()}, [short])["lab-live"]
+    assert found.injected == {}
+    assert found.alarms == {None: 0, 100.0: 0, 300.0: 0}
+
+
+def test_nothing_put_in_is_not_found(standing: list[SensorSeries]) -> None:
+    assert found_in_time(DefaultDetector(), standing[0], 0.0, 0.335, "scaled", 100.0) == 0.0
+
+
+def test_two_detectors_whose_pictures_would_have_one_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names = [tmp_path / "a" / "mine.toml", tmp_path / "b" / "mine.toml"]
+    for name in names:
+        name.parent.mkdir()
+        name.write_text(dump_detector("approach"), encoding="utf-8")
+    arguments = [f"--detector={name}" for name in names]
+    assert main(["bench-detection", "-o", str(tmp_path / "out"), *arguments]) == 2
+    assert "would have one name" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_place_without_recordings_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench-detection", "-o", str(tmp_path / "out"), "--standing", str(tmp_path)]) == 2
+    assert str(tmp_path) in capsys.readouterr().err
 
 
 @pytest.mark.long

@@ -24,6 +24,9 @@ __all__ = [
     "ready_folder",
     "shown",
     "spare_logs",
+    "told_shares",
+    "write_json",
+    "write_text",
 ]
 
 
@@ -168,3 +171,29 @@ def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Callable
     with Progress(console=console(sys.stderr), transient=True) as bar:
         task = bar.add_task(what, total=total)
         yield lambda steps: bar.advance(task, steps)
+
+
+@contextmanager
+def told_shares(what: str, note: str) -> Iterator[Callable[[str, float], None]]:
+    """A bar for long work that says itself what it is at and what share is done; off a terminal one line, `note`."""
+    from rich.progress import Progress
+
+    visible = sys.stderr.isatty()
+    if not visible:
+        print(f"jaxradar: {note} ...", file=sys.stderr)
+    with Progress(console=console(sys.stderr), transient=True, disable=not visible) as bar:
+        task = bar.add_task(what, total=1.0)
+        yield lambda name, share: bar.update(task, completed=share, description=name)
+
+
+def write_text(path: Path, text: str) -> None:
+    """A file as a whole or not at all, in place of one that was there. Raises `LogError` if it cannot be written."""
+    from jaxradar.drivefile import staged
+
+    with staged(path, overwrite=True) as stage:
+        stage.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, record: object) -> None:
+    """As `write_text`, strict JSON to be read by people too."""
+    write_text(path, json.dumps(record, allow_nan=False, indent=1) + "\n")

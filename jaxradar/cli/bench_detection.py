@@ -5,17 +5,22 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jaxradar._errors import ConfigError
 from jaxradar.cli._options import add_command, number, whole
-from jaxradar.cli._output import console, plain, print_table, ready_folder, shown
+from jaxradar.cli._output import plain, print_table, ready_folder, shown, told_shares, write_json
 
 if TYPE_CHECKING:
+    from jaxradar.drive import SensorSeries
     from jaxradar.estimate.intervals import Estimate
-    from jaxradar.suite import Suite
+    from jaxradar.suite import Recorded, Suite
 
 __all__ = ["add_to"]
+
+SEED = 10  # earlier ones were looked at while settings were chosen
 
 _DESCRIPTION = """\
 Drive simulated cars over steps of every height, at every speed, over smooth,
@@ -23,7 +28,8 @@ wet, dry and rough roads, and over roads without a step, pulling away and
 braking among them; and say of each detector how many steps it sees with 80 %
 of the lead that geometry allows, how early, and how often it alarms for
 nothing, with 95 % intervals. The drives are never those that anything was
-tuned on. Written to DIR: detection.json with all figures, and pictures.
+tuned on. --standing adds recordings of a car that stands, as they are and with
+steps put in. Written to DIR: detection.json with all figures, and pictures.
 The whole takes half an hour; --quick a few minutes."""
 _EXAMPLE = """\
 jaxradar bench-detection -o detection --quick
@@ -52,38 +58,41 @@ def add_to(commands: Any) -> None:
     parser.add_argument(
         "--hours", type=number(0.0, above=True), metavar="H", help="without a step (default: 20, quick 0.5)"
     )
-    parser.add_argument("--seed", type=whole(0), default=0, metavar="N", help="of the drives (default: 0)")
+    parser.add_argument("--seed", type=whole(0), default=SEED, metavar="N", help=f"of the drives (default: {SEED})")
+    parser.add_argument(
+        "--standing",
+        action="append",
+        default=[],
+        metavar="PATH",
+        help="recordings of a car that stands, as they are and with steps put in; again for more",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
 
 
 def _run(args: argparse.Namespace) -> int:
     from jaxradar.plots.detection import plot_heights, plot_roc
     from jaxradar.plots.style import save
-    from jaxradar.suite import grid, run_suite, suite_record, variations
+    from jaxradar.suite import grid, measure_recordings, recorded_record, run_suite, suite_record, variations
     from jaxradar.systems.step import load_detector
 
     names = list(dict.fromkeys(args.detector or ["default", "thesis"]))
     detectors = {shown(name): load_detector(name).detector for name in names}
+    stems = _stems(list(detectors))
     folder = ready_folder(args.output, "--output")
     assert folder is not None
+    recordings = _standing(args.standing)
     cells = [*grid(), *variations()]
     if args.quick:
         cells = list(grid(speeds_kmh=(10.0, 30.0), heights_m=(-0.04, 0.01, 0.02, 0.03, 0.05)))
     drives = args.drives or (40 if args.quick else 1000)
     hours = args.hours or (0.5 if args.quick else 20.0)
-    from rich.progress import Progress
-
-    visible = sys.stderr.isatty()
-    if not visible:
-        print(f"jaxradar: {len(cells)} cells of {drives} drives, {hours:g} hours without a step ...", file=sys.stderr)
-    with Progress(console=console(sys.stderr), transient=True, disable=not visible) as progress:
-        bar = progress.add_task("driving", total=1.0)
-        told = lambda what, share: progress.update(bar, completed=share, description=what)  # noqa: E731
+    with told_shares("driving", f"{len(cells)} cells of {drives} drives, {hours:g} hours without a step") as told:
         suite = run_suite(detectors, cells, drives, hours, args.seed, told)
-    record = plain(suite_record(suite))
-    _write(folder / "detection.json", record)
-    for name in detectors:
-        save(plot_heights(suite, name), folder / f"heights-{Path(name).stem}.png")
+        recorded = measure_recordings(detectors, recordings, told) if recordings else {}
+    record = plain({**suite_record(suite), "standing": {name: recorded_record(one) for name, one in recorded.items()}})
+    write_json(folder / "detection.json", record)
+    for name, stem in stems.items():
+        save(plot_heights(suite, name), folder / f"heights-{stem}.png")
     save(plot_roc(suite), folder / "roc.png")
     if args.json:
         print(json.dumps(record, allow_nan=False, indent=1))
@@ -93,15 +102,32 @@ def _run(args: argparse.Namespace) -> int:
         _print_cells(suite, name, usual=True)
     for name in detectors:
         _print_cells(suite, name, usual=False)
+    if recorded:
+        _print_recorded(recorded, len(recordings))
     print(f"Figures and pictures in {shown(folder)}")
     return 0
 
 
-def _write(path: Path, record: object) -> None:
-    from jaxradar.drivefile import staged
+def _stems(names: Sequence[str]) -> dict[str, str]:
+    """What the pictures of each detector are called. Raises `ConfigError` for two that would be called alike."""
+    stems = {name: Path(name).stem for name in names}
+    for name, stem in stems.items():
+        alike = [other for other, one in stems.items() if one == stem]
+        if len(alike) > 1:
+            raise ConfigError(
+                f"--detector {shown(name)} and {shown(alike[1])} would have one name; give the files other names."
+            )
+    return stems
 
-    with staged(path, overwrite=True) as stage:
-        stage.write_text(json.dumps(record, allow_nan=False, indent=1) + "\n", encoding="utf-8")
+
+def _standing(paths: Sequence[str]) -> list[SensorSeries]:
+    from jaxradar.cli._logs import all_logs
+    from jaxradar.logs import read_log
+
+    logs, empty = all_logs(paths)
+    if empty:
+        raise ConfigError(empty[0][1])
+    return [series for log in logs for series in read_log(log).sensors]
 
 
 def _print_quiet(suite: Suite) -> None:
@@ -143,3 +169,23 @@ def _range(one: Estimate, scale: float, form: str) -> str:
 
 def _leads(leads: tuple[Estimate, ...]) -> list[str]:
     return [f"{1e3 * one.value:.0f}" for one in leads] if leads else ["", "", ""]
+
+
+def _print_recorded(recorded: Mapping[str, Recorded], count: int) -> None:
+    rates = list(next(iter(recorded.values())).alarms)
+    seconds = next(iter(recorded.values())).seconds
+    print(f"\n{count} recordings of a car that stands: detections at their own rate and with other times")
+    columns = [f"{'own rate' if rate is None else f'{rate:g} Hz'}, {seconds[rate]:.0f} s" for rate in rates]
+    rows = [[name, *(str(one.alarms[rate]) for rate in rates)] for name, one in recorded.items()]
+    print_table(sys.stdout, ["detector", *columns], rows)
+    held = next(iter(recorded.values())).injected
+    if not held:
+        return
+    print("\nSteps put into them, found within 40 ms, in %, and what at least (95 %, each recording counted once)")
+    heights = sorted({height for _, height in held})
+    rows = [
+        [f"{name}, {rate:g} Hz", *(_least(one.injected[rate, height]) for height in heights)]
+        for name, one in recorded.items()
+        for rate in sorted({rate for rate, _ in held})
+    ]
+    print_table(sys.stdout, ["detector", *(f"{1e3 * height:g} mm" for height in heights)], rows)

@@ -19,18 +19,23 @@ Print a detector as TOML, each setting with its unit and meaning: a file to
 change and to hand to --detector. A FILE.toml is printed with the settings that
 it leaves out.
 
-With --false-alarms-per-hour the threshold of thesis, range-rate or a FILE.toml
-of these follows from theory instead: so many false alarms while nothing moves,
-for Gaussian noise of the range and bins much finer than it. The file says
-under [provenance] where the threshold comes from."""
+With --false-alarms-per-hour the threshold follows from theory instead. Of
+thesis, range-rate or a FILE.toml of these: so many false alarms while nothing
+moves, for Gaussian noise of the range and bins much finer than it. Of
+approach: at most so many, on a road of speckle and noise. The file says under
+[provenance] where the threshold comes from."""
 
 _EXAMPLE = """\
 jaxradar config default > mine.toml
   jaxradar config range-rate --false-alarms-per-hour 1 \\
       --rate 100 --range-noise-mm 0.49 > mine.toml"""
 
-# What the arguments of `from_false_alarm_rate` are called here; one in millimetres is no other name for one in metres.
-_OPTIONS = {"per_hour": "--false-alarms-per-hour", "rate_hz": "--rate", "correlation": "--noise-correlation"}
+# What the arguments of `from_false_alarm_rate` are called here, and what the values are multiplied by.
+_OPTIONS = {
+    "rate_hz": ("--rate", 1.0),
+    "sd_m": ("--range-noise-mm", 1e-3),
+    "correlation": ("--noise-correlation", 1.0),
+}
 
 
 def add_to(commands: Any) -> None:
@@ -43,19 +48,19 @@ def add_to(commands: Any) -> None:
         description=_DESCRIPTION,
         example=_EXAMPLE,
     )
-    parser.add_argument("detector", metavar="NAME", help="default, thesis, range-rate, lab-live or a FILE.toml")
+    parser.add_argument("detector", metavar="NAME", help="of a detector, or a FILE.toml")
     parser.add_argument(
         "--false-alarms-per-hour",
         type=number(0, above=True),
         metavar="N",
-        help="set the threshold by theory; needs the next two",
+        help="set the threshold by theory; needs --rate",
     )
     parser.add_argument("--rate", type=number(0, above=True), metavar="HZ", help="sweeps per second")
     parser.add_argument(
         "--range-noise-mm",
         type=number(0, above=True),
         metavar="MM",
-        help="standard deviation of the range of one sweep, nothing moving",
+        help="standard deviation of the range of one sweep, nothing moving: of all but approach",
     )
     parser.add_argument(
         "--noise-correlation",
@@ -68,58 +73,62 @@ def add_to(commands: Any) -> None:
 def _run(args: argparse.Namespace) -> int:
     from jaxradar.systems.step import dump_detector, load_detector
 
-    asked = args.false_alarms_per_hour is not None
-    needed = {"--rate": args.rate, "--range-noise-mm": args.range_noise_mm}
-    given = [
-        name for name, value in {**needed, "--noise-correlation": args.noise_correlation}.items() if value is not None
-    ]
-    missing = [name for name, value in needed.items() if value is None]
-    if given and not asked:
-        raise ConfigError(f"{given[0]} says nothing without --false-alarms-per-hour.")
-    if asked and missing:
-        raise ConfigError(f"--false-alarms-per-hour needs {' and '.join(missing)}.")
+    given = {
+        name: (option, getattr(args, option[2:].replace("-", "_")), factor)
+        for name, (option, factor) in _OPTIONS.items()
+        if getattr(args, option[2:].replace("-", "_")) is not None
+    }
+    if given and args.false_alarms_per_hour is None:
+        raise ConfigError(f"{next(iter(given.values()))[0]} says nothing without --false-alarms-per-hour.")
     file = load_detector(args.detector)
-    sys.stdout.write(dump_detector(_by_theory(file, args) if asked else file))
+    if args.false_alarms_per_hour is not None:
+        file = _by_theory(file, args.false_alarms_per_hour, given)
+    sys.stdout.write(dump_detector(file))
     return 0
 
 
-def _by_theory(file: DetectorFile, args: argparse.Namespace) -> DetectorFile:
-    """The same detector with the threshold that belongs to the rate of false alarms."""
+def _by_theory(file: DetectorFile, per_hour: float, given: dict[str, tuple[str, float, float]]) -> DetectorFile:
+    """The same detector with the threshold that belongs to the rate of false alarms. `given`: of each argument its
+    option, its value there, and a factor."""
+    import inspect
     from dataclasses import replace
 
     from jaxradar._settings import declared
     from jaxradar.systems.step import DETECTORS
-    from jaxradar.systems.step.range_rate import RangeRateBase
 
     held = file.detector
-    if not isinstance(held, RangeRateBase):
-        known = [name for name, kind in DETECTORS.items() if issubclass(kind, RangeRateBase)]
+    if not held.theory:
+        known = ", ".join(name for name, kind in DETECTORS.items() if kind.theory)
         raise ConfigError(
-            f"there is no theory of the false alarms of `{held.name}`; "
-            f"--false-alarms-per-hour is for {' and '.join(known)}."
+            f"there is no theory of the false alarms of `{held.name}`; --false-alarms-per-hour is for {known}."
         )
-    settings = {name: getattr(held, name) for name in declared(type(held)) if name != "threshold_m_s"}
-    correlation = 0.0 if args.noise_correlation is None else args.noise_correlation
-    wanted = args.false_alarms_per_hour
+    derive = type(held).from_false_alarm_rate  # type: ignore[attr-defined]
+    takes = {name: one for name, one in inspect.signature(derive).parameters.items() if name in _OPTIONS}
+    missing = [_OPTIONS[name][0] for name, one in takes.items() if one.default is one.empty and name not in given]
+    if missing:
+        raise ConfigError(f"--false-alarms-per-hour needs {' and '.join(missing)}.")
+    for name, (option, _, _) in given.items():
+        if name not in takes:
+            raise ConfigError(f"{option} says nothing of the false alarms of `{held.name}`.")
+    # The setting that is the threshold follows; all others stay.
+    settings = {name: getattr(held, name) for name in declared(type(held))}
+    threshold = next(name for name, value in settings.items() if value is held.threshold)
+    del settings[threshold]
     try:
-        detector = type(held).from_false_alarm_rate(
-            wanted,
-            rate_hz=args.rate,
-            sd_m=1e-3 * args.range_noise_mm,
-            correlation=correlation,
-            **settings,
-        )
+        detector = derive(per_hour, **{name: value * by for name, (_, value, by) in given.items()}, **settings)
     except ValueError as error:
-        sentence = str(error)
-        for name, option in _OPTIONS.items():
-            sentence = sentence.replace(f"`{name}`", option)
+        sentence = str(error).replace("`per_hour`", "--false-alarms-per-hour")
+        for name in takes:
+            if _OPTIONS[name][1] == 1.0:  # one in millimetres is no other name for one in metres
+                sentence = sentence.replace(f"`{name}`", _OPTIONS[name][0])
         raise ConfigError(f"no threshold by theory: {sentence}") from None
     provenance = {
         **file.provenance,
-        "threshold_m_s": "from theory: false alarms of |difference of two sweeps| in Gaussian noise of the range",
-        "false_alarms_per_hour": wanted,
-        "rate_hz": args.rate,
-        "range_noise_mm": args.range_noise_mm,
-        "noise_correlation": correlation,
+        threshold: f"from theory: {held.theory}",
+        "false_alarms_per_hour": per_hour,
+        **{
+            "rate_hz" if name == "rate_hz" else option[2:].replace("-", "_"): value
+            for name, (option, value, _) in given.items()
+        },
     }
     return replace(file, detector=detector, provenance=provenance)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from jaxradar._errors import ConfigError
 from jaxradar._toml import nearest
 from jaxradar.cli._options import add_command, number, whole
-from jaxradar.cli._output import console, plain, print_table, ready_folder, shown
+from jaxradar.cli._output import plain, print_table, ready_folder, shown, told_shares, write_json
 
 if TYPE_CHECKING:
     from jaxradar.pareto import Frontier
@@ -106,22 +106,18 @@ def _list(names: Sequence[str], quick: bool) -> None:
 
 
 def _measured(name: str, args: argparse.Namespace, place: int, count: int) -> Frontier:
-    from rich.progress import Progress
-
     from jaxradar.pareto import measure
     from jaxradar.tasks import TASKS
 
-    visible = sys.stderr.isatty()
-    if not visible:
-        print(f"jaxradar: measuring {name} ({place + 1} of {count}) ...", file=sys.stderr)
-    with Progress(console=console(sys.stderr), transient=True, disable=not visible) as progress:
-        bar = progress.add_task(name, total=1.0)
-
-        def told(what: str, share: float) -> None:
-            progress.update(bar, completed=share, description=f"{name}: {what}")
-
-        cases = None if args.case is None else [args.case]
-        return measure(TASKS[name](), cases=cases, quick=args.quick, count=args.rounds, progress=told)
+    cases = None if args.case is None else [args.case]
+    with told_shares(name, f"measuring {name} ({place + 1} of {count})") as told:
+        return measure(
+            TASKS[name](),
+            cases=cases,
+            quick=args.quick,
+            count=args.rounds,
+            progress=lambda what, share: told(f"{name}: {what}", share),
+        )
 
 
 def _choice(found: Frontier, args: argparse.Namespace, record: dict[str, Any]) -> tuple[str, bool]:
@@ -143,12 +139,10 @@ def _choice(found: Frontier, args: argparse.Namespace, record: dict[str, Any]) -
 
 
 def _write(found: Frontier, record: object, folder: Path) -> None:
-    from jaxradar.drivefile import staged
     from jaxradar.plots.frontier import plot_case, plot_levels
     from jaxradar.plots.style import save
 
-    with staged(folder / f"{found.task}.json", overwrite=True) as stage:
-        stage.write_text(json.dumps(record, allow_nan=False, indent=1) + "\n", encoding="utf-8")
+    write_json(folder / f"{found.task}.json", record)
     for result in found.results:
         if result.points:
             save(plot_case(found, result), folder / f"{found.task}-{_slug(result.case.name)}.png")

@@ -8,9 +8,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jaxradar._errors import ConfigError, JaxradarError
+from jaxradar._errors import ConfigError
 from jaxradar.cli._options import add_command, number, whole
-from jaxradar.cli._output import plain, print_table, progress, ready_folder, shown, spare_logs
+from jaxradar.cli._output import plain, print_table, progress, ready_folder, shown, spare_logs, write_json, write_text
 
 if TYPE_CHECKING:
     from jaxradar.drive import Drive, SensorSeries
@@ -88,13 +88,13 @@ def _run(args: argparse.Namespace) -> int:
     fitted = uncertainty(tuned, file.detector, examples, costs)
     provenance = {**_provenance(args, costs, len(fitted_to), len(kept)), **_scores(tuned, fitted)}
     text = dump_detector(DetectorFile(tuned.detector, file.mounting, provenance))
-    _write(Path(args.output), text)
+    write_text(Path(args.output), text)
     record = plain({**provenance, "settings": [vars(one) for one in fitted]})
     if folder is not None:
         from jaxradar.plots.style import save
         from jaxradar.plots.tuning import plot_fit
 
-        _write(folder / "fit.json", json.dumps(record, allow_nan=False, indent=1) + "\n")
+        write_json(folder / "fit.json", record)
         save(plot_fit(tuned), folder / "fit.png")
     if args.json:
         print(json.dumps(record, allow_nan=False, indent=1))
@@ -169,16 +169,6 @@ def _scores(tuned: Tuned, fitted: tuple[Fitted, ...]) -> dict[str, Any]:
         "fitted": [one.name for one in fitted],
         "not_determined": [one.name for one in fitted if not one.determined],
     }
-
-
-def _write(path: Path, text: str) -> None:
-    from jaxradar.drivefile import staged
-
-    try:
-        with staged(path, overwrite=True) as stage:
-            stage.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise JaxradarError(f"{path}: cannot be written: {error.strerror or error}.") from None
 
 
 def _print(tuned: Tuned, fitted: tuple[Fitted, ...], output: str) -> None:

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from jaxradar.drive import Drive
-from jaxradar.matching import MatchWindow, speed_at
+from jaxradar.matching import MatchWindow, match_steps, speed_at
 from jaxradar.sim import RoadScene, held_out_seeds, simulate_each
 from jaxradar.suite.scenes import Negative, StepCell, lead_allowed_s
 from jaxradar.systems.step import StepDetector, detect_batch, stack
 
-__all__ = ["Found", "Quiet", "measure_negative", "measure_step"]
+__all__ = ["Found", "Quiet", "measure_negative", "measure_step", "threshold_at"]
 
 TOGETHER = 256  # drives that are looked at together
 BLOCK_S = 0.5  # of a road without a step: exceedances within it count as one
@@ -100,7 +100,7 @@ def measure_negative(
         batch = stack([drive.sensors[0] for drive in made])
         times = _times(made)
         settled = times >= SETTLED_S
-        block = np.where(settled, ((times - SETTLED_S) / BLOCK_S).astype(int), -1)
+        block = np.where(settled, (np.where(settled, times - SETTLED_S, 0.0) / BLOCK_S).astype(int), -1)
         for name, detector in detectors.items():
             found = {key: np.asarray(one) for key, one in detect_batch(detector, *batch, fields=FIELDS[:2]).items()}
             events[name] += int(found["event"].sum())
@@ -142,29 +142,25 @@ def _times(drives: Sequence[Drive]) -> np.ndarray:
 def _found(
     found: Mapping[str, np.ndarray], scenes: Sequence[RoadScene], drives: Sequence[Drive], height_m: float
 ) -> Found:
-    steps = [drive.truth.steps[0] for drive in drives if drive.truth is not None]
-    impact = np.array([step.impact_s for step in steps])
-    speed = [
-        speed_at(drive.motion.speed_m_s, at) or float(scene.motion.speed_m_s)
-        for drive, scene, at in zip(drives, scenes, impact, strict=True)
-    ]
-    allowed = np.array([lead_allowed_s(scene, one, height_m) for scene, one in zip(scenes, speed, strict=True)])
-    reach = np.array([MatchWindow().before(one) for one in speed])
-    lead = impact[:, None] - _times(drives)
-    window = (lead >= 0) & (lead <= reach[:, None])
-    hit = found["event"] & window
-    first = np.argmax(hit, axis=1)
-    some = hit.any(axis=1)
-    rows = np.arange(len(drives))
-    in_time = window & (lead >= IN_TIME * allowed[:, None])
-    expected = found["impact_in_s"][rows, first]
-    return Found(
-        lead_s=np.where(some, lead[rows, first], np.nan),
-        allowed_s=allowed,
-        top=np.where(in_time, found["statistic"], 0.0).max(axis=1),
-        expected_s=np.where(some & (expected > 0), expected, np.nan),
-        false=(found["event"] & ~window).sum(axis=1),
-    )
+    rows: list[tuple[float, float, float, float, int]] = []
+    for place, (scene, drive) in enumerate(zip(scenes, drives, strict=True)):
+        assert drive.truth is not None
+        times = drive.sensors[0].times_s
+        events = np.flatnonzero(found["event"][place, : len(times)])
+        matching = match_steps(times[events], drive.truth.steps, speed=drive.motion.speed_m_s)
+        (step,) = matching.steps
+        speed = speed_at(drive.motion.speed_m_s, step.impact_s) or float(scene.motion.speed_m_s)
+        allowed = lead_allowed_s(scene, speed, height_m)
+        before = step.impact_s - times
+        in_time = (before >= IN_TIME * allowed) & (before <= MatchWindow().before(speed))
+        top = float(np.max(found["statistic"][place, : len(times)], where=in_time, initial=0.0))
+        lead = expected = math.nan
+        if matching.hits:
+            (lead,), (hit,) = matching.lead_s, matching.hit_by
+            expected = float(found["impact_in_s"][place, events[hit]]) or math.nan
+        rows.append((lead, allowed, top, expected, matching.false_alarms))
+    columns = zip(*rows, strict=True)
+    return Found(*(np.array(list(one)) for one in columns))
 
 
 def _joined(parts: Iterable[Found]) -> Found:

@@ -79,6 +79,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
     name: ClassVar[str] = "approach"
     statistic_name: ClassVar[str] = "evidence of a corner"
     statistic_unit: ClassVar[str] = "nats"
+    theory: ClassVar[str] = "a bound of the false alarms where noise and speckle are Rayleigh distributed"
 
     evidence: Setting = setting(16.5, 0.0, 1e3, "nats", "evidence on a track above this is a step")
     release: Setting = setting(0.5, 0.0, 1.0, "", "it must fall below this share of it before the next detection")

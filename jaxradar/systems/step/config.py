@@ -127,6 +127,7 @@ class StepDetector(Settings, Generic[Observed, State]):
     """Base of all step detectors.
 
     `float64`: whether the detector must run in double precision to choose as its document does.
+    `theory`: what its class method `from_false_alarm_rate` derives the threshold from; empty of one without.
     `sequential`: whether `follow` goes through time step by step, and so wants many logs side by side.
     """
 
@@ -134,6 +135,7 @@ class StepDetector(Settings, Generic[Observed, State]):
     statistic_name: ClassVar[str]
     statistic_unit: ClassVar[str]
     float64: ClassVar[bool] = False
+    theory: ClassVar[str] = ""
     sequential: ClassVar[bool] = True
 
     @property

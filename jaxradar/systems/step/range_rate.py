@@ -47,6 +47,7 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
 
     statistic_name: ClassVar[str] = "|range rate|"
     statistic_unit: ClassVar[str] = "m/s"
+    theory: ClassVar[str] = "false alarms of |difference of two sweeps| in Gaussian noise of the range"
     sequential: ClassVar[bool] = False
 
     threshold_m_s: Setting = setting(0.7, 0.0, 1e3, "m/s", "a range rate above this is a step (thesis, section 6.1)")
