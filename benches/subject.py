@@ -25,6 +25,8 @@ ROWS: Mapping[str, str | None] = {
     "parabola": "parabola",
     "window": "window",
     "soft": "soft",
+    "shift": None,
+    "approach": None,
     "default": None,
 }
 GRADIENTS = ("window", "soft")
@@ -40,10 +42,8 @@ Arrays = tuple[Any, Any, Any, Any]
 
 def build(row: str, range_m: np.ndarray, **tuned: Any) -> Any:
     """The detector of a row for a range axis, in whose bins its window is counted."""
-    if row == "thesis":
-        return step.ThesisDetector()
-    if row == "default":
-        return step.DefaultDetector()
+    if row not in _PEAKS:
+        return step.DETECTORS[row]()
     peak, half_width = _PEAKS[row]
     if half_width:
         tuned["window_m"] = 2 * half_width * step.RangeAxis.of(range_m).bin_m

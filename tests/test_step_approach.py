@@ -164,8 +164,8 @@ def test_settings_of_parts_are_tuned_by_their_names() -> None:
 
     space = Space.of(DefaultDetector(), ("approach.evidence", "shift.window_s", "level"))
     start = space.vector(DefaultDetector())
-    np.testing.assert_allclose(space.values(start), [16.5, 0.03, 1.0], rtol=1e-4)
+    np.testing.assert_allclose(space.values(start), [15.5, 0.03, 1.0], rtol=1e-4)
     made = space.detector_at(DefaultDetector(), start + 0.1)
-    assert float(made.approach.evidence) > 16.5
+    assert float(made.approach.evidence) > 15.5
     with pytest.raises(ConfigError, match=r"has no setting `aproach\.evidence`"):
         Space.of(DefaultDetector(), ("aproach.evidence",))

@@ -30,7 +30,7 @@ from jaxradar.systems.step import RangeAxis, detect_batch, load_detector, time_s
 
 __all__ = ["measure"]
 
-DETECTORS = ("thesis", "default")
+DETECTORS = ("thesis", "shift", "default")
 FIELDS = ("range_m", "strength", "statistic", "valid", "event")
 TURNS = 3
 

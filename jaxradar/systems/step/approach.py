@@ -81,7 +81,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
     statistic_unit: ClassVar[str] = "nats"
     theory: ClassVar[str] = "a bound of the false alarms where noise and speckle are Rayleigh distributed"
 
-    evidence: Setting = setting(16.5, 0.0, 1e3, "nats", "evidence on a track above this is a step")
+    evidence: Setting = setting(15.5, 0.0, 1e3, "nats", "evidence on a track above this is a step")
     release: Setting = setting(0.5, 0.0, 1.0, "", "it must fall below this share of it before the next detection")
     tilt_far: Setting = setting(1.0, 0.0, 10.0, "", "what an amplitude weighs at the farthest place, γ")
     tilt_near: Setting = setting(3.5, 0.0, 10.0, "", "and at the nearest")
@@ -103,7 +103,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
     fastest_m_s: Setting = setting(12.5, 0.1, 100.0, "m/s", "of the speeds of the bank")
     farthest_m: Setting = setting(0.92, 0.05, 100.0, "m", "where tracks begin, ahead of the sensor's foot")
     speeds: int = shape_setting(12, 1, 1000, "", "number of speeds, evenly spaced in their logarithm")
-    places: int = shape_setting(21, 2, 1000, "", "number of places of each track")
+    places: int = shape_setting(23, 2, 1000, "", "number of places of each track")
     place_m: float = shape_setting(0.03, 1e-3, 1.0, "m", "distance of two places")
     cell_m: float = shape_setting(0.014, 2e-3, 1.0, "m", "size of a range cell")
     around_m: float = shape_setting(0.1, 1e-3, 10.0, "m", "width of the cells around")
