@@ -69,6 +69,11 @@ class Oblique:
         return ~(self.one_s >= IN_TIME * self.allowed_s)
 
     @property
+    def told_late(self) -> np.ndarray:
+        """Those of `late` that it reports at all: of the rest neither place nor angle is to blame, but a faint echo."""
+        return self.late & ~np.isnan(self.one_s)
+
+    @property
     def after(self) -> np.ndarray:
         """Whether it reports after the wheel has touched, or nothing."""
         return ~(self.one_s >= 0.0)
@@ -92,6 +97,11 @@ class Oblique:
             "drives": drives,
             "late": late,
             "late_share": _share(late, drives),
+            "told_late": int(self.told_late.sum()),
+            "told_late_recovered": int((self.told_late & self.recovered).sum()),
+            "told_late_recovered_share": _share(
+                int((self.told_late & self.recovered).sum()), int(self.told_late.sum())
+            ),
             "after": int(self.after.sum()),
             "never": int(np.isnan(self.one_s).sum()),
             "recovered": int(self.recovered.sum()),
