@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -31,8 +32,8 @@ from jaxradar.systems.step.ground import Beam, Ground, ground_profile, strips_of
 __all__ = ["Calibration", "calibrate", "mean_powers"]
 
 CELL_M = 0.014  # bins are taken together up to here: neighbours share the pulse anyway
-PARTS = 24  # of a series, that scatter about their mean
-FEWEST_SWEEPS = 4 * PARTS
+PARTS = 16  # of a series, that scatter about their mean
+FEWEST_SWEEPS = 3 * PARTS
 ANGLES_DEG, SLOPES = (35.0, 55.0), (0.15, 0.35)  # where fits begin
 HEIGHT_RANGE_M = (0.05, 2.0)
 DETERMINED_DEG = 5.0
@@ -67,10 +68,12 @@ class Calibration:
         return self.angle_sd_deg < DETERMINED_DEG
 
 
-def calibrate(series: SensorSeries, beam: Beam | None = None) -> Calibration:
-    """Fit height and angle to sweeps over a flat road, driven over or stood on.
+def calibrate(
+    series: SensorSeries, beam: Beam | None = None, angles_deg: Sequence[float] = ANGLES_DEG
+) -> Calibration:
+    """Fit height and angle to sweeps over a flat road, driven over or stood on. `angles_deg`: where fits begin.
 
-    Raises `ConfigError` for a series with fewer than 96 sweeps with data, and for one in which there is no echo.
+    Raises `ConfigError` for a series with fewer than 48 sweeps with data, and for one in which there is no echo.
     """
     beam = beam or Beam()
     use = ~series.invalid
@@ -86,7 +89,7 @@ def calibrate(series: SensorSeries, beam: Beam | None = None) -> Calibration:
     scatter = np.sqrt(np.maximum(np.diag(covariance), LEAST_SCATTER**2))
     strips = strips_of(beam, float(range_m[-1]))
     with jax.enable_x64(True):
-        start = _starts(range_m, mean)
+        start = _starts(range_m, mean, angles_deg)
         inputs = (beam, jnp.asarray(strips), jnp.asarray(range_m), jnp.asarray(np.log(mean)), jnp.asarray(scatter))
         fits = [np.asarray(one) for one in _fit(*inputs, start)]
     costs = np.sum(fits[1] ** 2, axis=1)
@@ -135,7 +138,7 @@ def _covariance(beam: Beam, range_m: np.ndarray, powers: np.ndarray) -> np.ndarr
     return seen + max(0.0, 1.0 - varies / 0.8) * np.exp(-0.5 * apart**2)
 
 
-def _starts(range_m: np.ndarray, mean: np.ndarray) -> Any:
+def _starts(range_m: np.ndarray, mean: np.ndarray, angles_deg: Sequence[float]) -> Any:
     """Where fits begin: the edge where the echo passes a quarter of its top, and several angles."""
     noise = float(np.quantile(mean, 0.05))
     over = mean - noise > 0.25 * (mean.max() - noise)
@@ -143,7 +146,7 @@ def _starts(range_m: np.ndarray, mean: np.ndarray) -> Any:
     level = math.log((mean.max() - noise) * height**2) + 2.0
     starts = [
         [height, math.radians(angle), math.log(slope), level, level - 2.0, math.log(noise)]
-        for angle, slope in itertools.product(ANGLES_DEG, SLOPES)
+        for angle, slope in itertools.product(angles_deg, SLOPES)
     ]
     return jnp.asarray(starts, float)
 
