@@ -22,7 +22,7 @@ from jaxradar._settings import Settings, setting, shape_setting
 from jaxradar._types import Setting, Value
 from jaxradar.signal.pulses import SIGMA_PER_FWHM
 
-__all__ = ["Beam", "Ground", "ground_profile", "strip_powers", "strips_of"]
+__all__ = ["Beam", "Ground", "ground_profile", "strip_patches", "strip_powers", "strips_of"]
 
 ACROSS = 8  # places on either side, of Gauss and Legendre's rule
 STEEPEST_COS = 0.02
@@ -58,14 +58,11 @@ def strips_of(beam: Beam, farthest_m: float) -> Float[np.ndarray, " strips"]:
     return np.arange(-0.5 * reach, reach, beam.strip_m) + 0.5 * beam.strip_m
 
 
-def strip_powers(
-    beam: Beam,
-    ground: Ground,
-    height_m: Value,
-    strips_m: Float[Array | np.ndarray, " strips"],
-    range_m: Float[Array | np.ndarray, " bins"],
-) -> Float[Array, "strips bins"]:
-    """Mean square in counts² that each strip of a road `height_m` below the sensor adds to each bin, without noise."""
+def strip_patches(
+    beam: Beam, ground: Ground, height_m: Value, strips_m: Float[Array | np.ndarray, " strips"]
+) -> tuple[Float[Array, "strips across"], Float[Array, "strips across"]]:
+    """Slant range of the patches of each strip of a road `height_m` below the sensor, and the power of each, counts²
+    in the middle of its pulse."""
     # Closer together near the middle, where a smooth road reflects most: y = w t².
     nodes, weights = np.polynomial.legendre.leggauss(ACROSS)
     turn = 0.5 * (nodes + 1.0)
@@ -85,13 +82,28 @@ def strip_powers(
     area = 2.0 * beam.strip_m * beam.half_width_m * jnp.asarray(turn * weights, float)  # both sides
     exponent = -8.0 * math.log(2.0) * there_and_back - beam.exponent * jnp.log(reach2)
     power = jnp.where(lit, echo * jnp.exp(exponent) * area, 0.0)
+    return jnp.sqrt(reach2), power
+
+
+def strip_powers(
+    beam: Beam,
+    ground: Ground,
+    height_m: Value,
+    strips_m: Float[Array | np.ndarray, " strips"],
+    range_m: Float[Array | np.ndarray, " bins"],
+) -> Float[Array, "strips bins"]:
+    """Mean square in counts² that each strip of a road `height_m` below the sensor adds to each bin, without noise."""
+    reach, power = strip_patches(beam, ground, height_m, strips_m)
     sigma = SIGMA_PER_FWHM * beam.fwhm_m
-    pulses = jnp.exp(-(((jnp.sqrt(reach2)[..., None] - jnp.asarray(range_m, float)) / sigma) ** 2))
+    pulses = jnp.exp(-(((reach[..., None] - jnp.asarray(range_m, float)) / sigma) ** 2))
     return jnp.sum(power[..., None] * pulses, axis=1)
 
 
 def ground_profile(
-    beam: Beam, ground: Ground, strips_m: Float[Array | np.ndarray, " strips"], range_m: Float[Array | np.ndarray, " bins"]
+    beam: Beam,
+    ground: Ground,
+    strips_m: Float[Array | np.ndarray, " strips"],
+    range_m: Float[Array | np.ndarray, " bins"],
 ) -> Float[Array, " bins"]:
     """Mean square of the envelope over a flat road in counts², with noise."""
     return jnp.sum(strip_powers(beam, ground, ground.height_m, strips_m, range_m), axis=0) + jnp.exp(ground.log_noise)

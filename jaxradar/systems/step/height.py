@@ -60,7 +60,8 @@ class HeightFinder(Settings):
     body_hz: Setting = setting(1.8, 0.1, 20.0, "Hz", "of the body on its front springs")
     damping: Setting = setting(0.3, 0.0, 0.95, "", "of it, as a share of critical")
     lever: Setting = setting(1.125, 0.0, 5.0, "", "rise of the sensor over that of the body at the front axle")
-    follows: Setting = setting(0.35, 0.01, 10.0, "", "a guessed rise of this share of the step is no longer trusted")
+    lag_s: Setting = setting(0.011, 0.0, 1.0, "s", "the wheel, which swings on its tyre, takes the body along so late")
+    follows: Setting = setting(0.3, 0.01, 10.0, "", "a guessed rise of this share of the step is no longer trusted")
     look_s: Setting = setting(0.12, 0.0, 2.0, "s", "after the passage sweeps are looked at so long")
     look_measured_s: Setting = setting(0.25, 0.0, 2.0, "s", "and so long where the body's acceleration is recorded")
     ahead_m: Setting = setting(0.3, 0.0, 5.0, "m", "and from so far before the edge")
@@ -117,7 +118,8 @@ def step_height(
     times = series.times_s
     use = ~series.invalid
     before = use & (times < passes - CLEAR_M / speed) & (times > passes - BEFORE_M / speed)
-    flat = calibrate(dataclasses.replace(series, flags=np.where(before, 0, 1).astype(np.uint16)), finder.beam, ANGLES_DEG)
+    road = dataclasses.replace(series, flags=np.where(before, 0, 1).astype(np.uint16))
+    flat = calibrate(road, finder.beam, ANGLES_DEG)
     look_s = float(finder.look_s)
     rise = None
     if motion is not None and motion.acceleration_m_s2 is not None:
@@ -159,32 +161,21 @@ def _best(
     away = np.linspace(-SPREAD, SPREAD, TIMES) * sd_s if sd_s else np.zeros(1)
     times = series.times_s[window] - passes_s
     padded = lambda values, fill: np.concatenate([values, np.full(padded_to - len(values), fill)])  # noqa: E731
-    passage = Passage(
-        times_s=padded(times, times[-1]),
-        powers=np.concatenate([powers, np.ones((padded_to - len(powers), powers.shape[1]))]),
-        weights=padded(np.ones(len(times)), 0.0),
-        rise_m=padded(np.full(len(times), np.nan) if rise is None else rise(series.times_s[window]), np.nan),
-        passes_s=away,
-        log_prior=-0.5 * np.linspace(-SPREAD, SPREAD, len(away)) ** 2 * shared if sd_s else np.zeros(1),
-        speed_m_s=np.asarray(speed),
-        heights_m=HEIGHTS_M,
-        corners=CORNERS,
+    passage = (
+        padded(times, times[-1]),
+        np.concatenate([powers, np.ones((padded_to - len(powers), powers.shape[1]))]),
+        padded(np.ones(len(times)), 0.0),
+        padded(np.full(len(times), np.nan) if rise is None else rise(series.times_s[window]), np.nan),
+        away,
+        -0.5 * np.linspace(-SPREAD, SPREAD, len(away)) ** 2 * shared if sd_s else np.zeros(1),
+        speed,
+        HEIGHTS_M,
+        CORNERS,
     )
-    passage = Passage(*(jnp.asarray(one, float) for one in passage))
-    car = Car(
-        *(
-            jnp.asarray(one, float)
-            for one in (
-                finder.front_wheel_m,
-                finder.tyre_radius_m,
-                2.0 * math.pi * float(finder.body_hz),
-                finder.damping,
-                finder.lever,
-                finder.follows,
-            )
-        )
-    )
-    found = height_likelihood(finder.beam, ground, table, jnp.asarray(range_m, float), car, passage)
+    held = Passage(*(jnp.asarray(one, float) for one in passage))
+    springs = (2.0 * math.pi * float(finder.body_hz), finder.damping, finder.lever, finder.lag_s, finder.follows)
+    car = Car(*(jnp.asarray(one, float) for one in (finder.front_wheel_m, finder.tyre_radius_m, *springs)))
+    found = height_likelihood(finder.beam, ground, table, jnp.asarray(range_m, float), car, held)
     said = np.asarray(found, np.float64) / shared
     belief = np.exp(said - said.max())
     belief /= belief.sum()

@@ -20,7 +20,7 @@ from jaxradar._types import Value
 from jaxradar.signal.pulses import SIGMA_PER_FWHM
 from jaxradar.systems.step.ground import Beam, Ground, strip_powers
 
-__all__ = ["Passage", "height_likelihood", "road_table", "slopes_of"]
+__all__ = ["Car", "Passage", "height_likelihood", "road_table", "slopes_of"]
 
 CLIMB = tuple(1.0 - math.sqrt(1.0 - share) for share in (0.125, 0.375, 0.625, 0.875))
 
@@ -48,13 +48,15 @@ class Passage(NamedTuple):
 
 class Car(NamedTuple):
     """Scalars: how far the front axle lies behind the sensor, the tyre's radius, the body's own frequency in rad/s and
-    damping over its front axle, and how much of the front axle's rise the sensor makes."""
+    damping over its front axle, how much of the front axle's rise the sensor makes, how long the wheel takes to take it
+    along, and the share of the step from which on a guessed rise is not trusted."""
 
     front_wheel_m: Value
     tyre_m: Value
     omega: Value
     damping: Value
     lever: Value
+    lag_s: Value
     follows: Value
 
 
@@ -95,7 +97,7 @@ def _body(car: Car, passage: Passage, pass_s: Array, height_m: Array) -> tuple[A
     reach = jnp.sqrt(jnp.maximum(2.0 * car.tyre_m * size - size**2, 1e-12))
     touches = pass_s + (car.front_wheel_m - jnp.where(height_m > 0, reach, 0.0)) / passage.speed_m_s
     since = passage.times_s[:, None] - touches - jnp.asarray(CLIMB) * reach / passage.speed_m_s
-    t = jnp.maximum(since, 0.0)
+    t = jnp.maximum(since - car.lag_s, 0.0)
     root = jnp.sqrt(1.0 - car.damping**2)
     turn = car.omega * root * t
     answer = 1.0 - jnp.exp(-car.damping * car.omega * t) * (jnp.cos(turn) - car.damping / root * jnp.sin(turn))
@@ -140,8 +142,10 @@ def _corner(beam: Beam, ground: Ground, level: Array, ahead: Array, range_m: Arr
     reach = jnp.sqrt(x**2 + level**2)
     off = (jnp.arctan2(level, x) - ground.down_rad) / (beam.vertical_beam_deg * (math.pi / 180.0))
     brightness = jnp.exp(ground.log_facets) + jnp.exp(ground.log_grain)
-    power = brightness * (x / reach) ** 2 * jnp.exp(
-        -8.0 * math.log(2.0) * off**2 - (2.0 * beam.exponent - 1.0) * jnp.log(reach)
+    power = (
+        brightness
+        * (x / reach) ** 2
+        * jnp.exp(-8.0 * math.log(2.0) * off**2 - (2.0 * beam.exponent - 1.0) * jnp.log(reach))
     )
     sigma = SIGMA_PER_FWHM * beam.fwhm_m
     return power[:, None] * jnp.exp(-(((reach[:, None] - range_m) / sigma) ** 2))

@@ -68,9 +68,7 @@ class Calibration:
         return self.angle_sd_deg < DETERMINED_DEG
 
 
-def calibrate(
-    series: SensorSeries, beam: Beam | None = None, angles_deg: Sequence[float] = ANGLES_DEG
-) -> Calibration:
+def calibrate(series: SensorSeries, beam: Beam | None = None, angles_deg: Sequence[float] = ANGLES_DEG) -> Calibration:
     """Fit height and angle to sweeps over a flat road, driven over or stood on. `angles_deg`: where fits begin.
 
     Raises `ConfigError` for a series with fewer than 48 sweeps with data, and for one in which there is no echo.
@@ -97,7 +95,9 @@ def calibrate(
         raise ConfigError(f"sensor {series.sensor}: no road fits the mean profile.")
     found, residual, slopes = (one[int(np.nanargmin(costs))] for one in fits)
     cells = len(range_m)
-    whitened = covariance / np.outer(scatter, scatter) + np.diag(np.maximum(0.0, 1.0 - np.diag(covariance) / scatter**2))
+    whitened = covariance / np.outer(scatter, scatter) + np.diag(
+        np.maximum(0.0, 1.0 - np.diag(covariance) / scatter**2)
+    )
     inverse = np.linalg.inv(slopes.T @ slopes)
     middle = slopes[:cells].T @ whitened @ slopes[:cells] + slopes[cells:].T @ slopes[cells:]
     spread = inverse @ middle @ inverse
@@ -110,7 +110,7 @@ def calibrate(
         height_sd_m=float(sd[0]),
         angle_deg=math.degrees(found[1]),
         angle_sd_deg=math.degrees(sd[1]),
-        ground=Ground(*(float(one) for one in found)),
+        ground=Ground(*found),
         misfit=misfit,
         sweeps=int(use.sum()),
     )
@@ -130,7 +130,9 @@ def _covariance(beam: Beam, range_m: np.ndarray, powers: np.ndarray) -> np.ndarr
     """(cells, cells): of the logarithm of the mean profile."""
     mean = powers.mean(axis=0)
     ends = np.linspace(0, len(powers), PARTS + 1).astype(int)
-    parts = np.stack([powers[low:high].mean(axis=0) for low, high in zip(ends[:-1], ends[1:], strict=True)]) / mean - 1.0
+    parts = (
+        np.stack([powers[low:high].mean(axis=0) for low, high in zip(ends[:-1], ends[1:], strict=True)]) / mean - 1.0
+    )
     seen = parts.T @ parts / (PARTS * (PARTS - 1))
     # Of exponentially distributed power the variance is the square of the mean; what is missing stood still.
     varies = float(np.clip(np.median(powers.var(axis=0) / mean**2), 0.0, 1.0))
@@ -162,10 +164,8 @@ def _residuals(beam: Beam, strips: Any, range_m: Any, log_mean: Any, scatter: An
 
 def _fitted(beam: Beam, strips: Any, range_m: Any, log_mean: Any, scatter: Any, start: Any) -> Any:
     residuals = partial(_residuals, beam, strips, range_m, log_mean, scatter)
-    solver = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-8)
-    found = optx.least_squares(
-        lambda values, _: residuals(values), solver, start, max_steps=STEPS, throw=False
-    ).value
+    solver: Any = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-8)
+    found = optx.least_squares(lambda values, _: residuals(values), solver, start, max_steps=STEPS, throw=False).value
     return found, residuals(found), jax.jacfwd(residuals)(found)
 
 
