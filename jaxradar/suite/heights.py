@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from scipy import linalg
 
@@ -140,16 +141,17 @@ def height_bound_m(ground: Ground, looks: float, beam: Beam | None = None, bin_m
     """Least standard deviation of an unbiased height out of so many independent sweeps before, all known, and after it.
 
     The field in the bins is complex Gaussian of covariance C = ∫ q(ρ) p(r − ρ) p(r' − ρ) dρ + noise, q the road's power
-    over slant range; what a sweep says of a parameter of it is tr(C⁻¹ C' C⁻¹ C') (Kay, Estimation Theory, section 15.7).
-    The envelope, which is what is recorded, says no more than the field.
+    over slant range; of a parameter of it a sweep says tr(C⁻¹ C' C⁻¹ C') (Kay, Estimation Theory, section
+    15.7). The envelope, which is what is recorded, says no more than the field.
     """
     beam = beam or Beam()
-    range_m = np.arange(ground.height_m - 0.12, ground.height_m + 0.3, 2.0 * bin_m)
+    height = float(ground.height_m)
+    range_m = np.arange(height - 0.12, height + 0.3, 2.0 * bin_m)
 
     strips = strips_of(beam, float(range_m[-1]))
 
     def covariance(height_m: float) -> np.ndarray:
-        patches = strip_patches(beam, ground, np.asarray(height_m), strips)
+        patches = strip_patches(beam, ground, jnp.asarray(height_m), strips)
         ranges, powers = (np.asarray(one, float).ravel() for one in patches)
         pulses = np.exp(-0.5 * ((ranges[:, None] - range_m) / (SIGMA_PER_FWHM * float(beam.fwhm_m))) ** 2)
         field = (pulses * powers[:, None]).T @ pulses
@@ -159,7 +161,7 @@ def height_bound_m(ground: Ground, looks: float, beam: Beam | None = None, bin_m
         return np.asarray(field + noise * (np.exp(-((apart / 0.034) ** 2)) + 1e-3 * np.eye(len(range_m))))
 
     step = 1e-4
-    middle, height = covariance(float(ground.height_m)), float(ground.height_m)
+    middle = covariance(height)
     slope = (covariance(height + step) - covariance(height - step)) / (2.0 * step)
     share = linalg.solve(middle, slope, assume_a="pos")
     return 1.0 / math.sqrt(looks * float(np.trace(share @ share)))

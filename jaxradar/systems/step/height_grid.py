@@ -22,6 +22,7 @@ from jaxradar.systems.step.ground import Beam, Ground, strip_powers
 
 __all__ = ["Car", "Passage", "height_likelihood", "road_table", "slopes_of"]
 
+USUAL_M = 0.04  # height of a step whose body sets what a sweep counts
 CLIMB = tuple(1.0 - math.sqrt(1.0 - share) for share in (0.125, 0.375, 0.625, 0.875))
 
 
@@ -112,10 +113,12 @@ def _likelihood(beam: Beam, ground: Ground, table: Table, range_m: Array, car: C
     """(times, corners, heights): logarithm of the likelihood, prior of the times included."""
     noise = jnp.exp(ground.log_noise)
     farthest = table.place_m + table.place_step_m * (table.behind.shape[1] - 1)
+    # Of one height and moment for all: whose sweeps counted less would seem likelier.
+    _, says = _body(car, passage, jnp.zeros(()), jnp.asarray(USUAL_M))
 
     def at(pass_s: Array, height_m: Array) -> Array:
         ahead = passage.speed_m_s * (pass_s - passage.times_s)
-        rise, says = _body(car, passage, pass_s, height_m)
+        rise, _ = _body(car, passage, pass_s, height_m)
         level = ground.height_m + rise
         # Behind a step down the road lies in its shadow.
         lit = ahead * (1.0 + jnp.maximum(-height_m, 0.0) / level * (ahead > 0))

@@ -130,9 +130,8 @@ def _covariance(beam: Beam, range_m: np.ndarray, powers: np.ndarray) -> np.ndarr
     """(cells, cells): of the logarithm of the mean profile."""
     mean = powers.mean(axis=0)
     ends = np.linspace(0, len(powers), PARTS + 1).astype(int)
-    parts = (
-        np.stack([powers[low:high].mean(axis=0) for low, high in zip(ends[:-1], ends[1:], strict=True)]) / mean - 1.0
-    )
+    each = np.stack([powers[low:high].mean(axis=0) for low, high in itertools.pairwise(ends)])
+    parts = each / mean - 1.0
     seen = parts.T @ parts / (PARTS * (PARTS - 1))
     # Of exponentially distributed power the variance is the square of the mean; what is missing stood still.
     varies = float(np.clip(np.median(powers.var(axis=0) / mean**2), 0.0, 1.0))
