@@ -39,6 +39,7 @@ HEIGHT_RANGE_M = (0.05, 2.0)
 DETERMINED_DEG = 5.0
 LEAST_SCATTER = 0.03  # of a cell's logarithm: the model is not better than that
 PULSE_ERROR_M = 0.001  # of the height: a pulse is not quite a Gaussian
+MOVING = 0.7  # variance over mean square of the power of speckle that is driven over, at least
 STEPS = 60
 # What is believed of a road before anything is seen: so wide that it matters for what the data do not say.
 _PRIOR = {"down_rad": (math.radians(45.0), math.radians(20.0)), "log_slope": (math.log(0.25), 0.7)}
@@ -134,9 +135,9 @@ def _covariance(beam: Beam, range_m: np.ndarray, powers: np.ndarray) -> np.ndarr
     parts = each / mean - 1.0
     seen = parts.T @ parts / (PARTS * (PARTS - 1))
     # Of exponentially distributed power the variance is the square of the mean; what is missing stood still.
-    varies = float(np.clip(np.median(powers.var(axis=0) / mean**2), 0.0, 1.0))
+    varies = min(float(np.sum(powers.var(axis=0)) / np.sum(mean**2)), 1.0)
     apart = (range_m[:, None] - range_m[None, :]) / (SIGMA_PER_FWHM * float(beam.fwhm_m))
-    return seen + max(0.0, 1.0 - varies / 0.8) * np.exp(-0.5 * apart**2)
+    return seen + max(0.0, 1.0 - varies / MOVING) * np.exp(-0.5 * apart**2)
 
 
 def _starts(range_m: np.ndarray, mean: np.ndarray, angles_deg: Sequence[float]) -> Any:

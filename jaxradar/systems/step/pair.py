@@ -36,6 +36,7 @@ __all__ = ["PairEvent", "SensorPair", "corner_detector", "detect_pair", "pair_ev
 TRACK_S = 0.04  # of a corner's track before its detection that is held to be of the same corner
 TRACK_M = 0.05  # scatter of a track's place, neighbouring sweeps taken as one
 SPEED_SHARE = 0.1  # scatter of a track's speed: half of the way to the next of the bank
+ROUNDS = 60
 STEEPEST = 0.95  # of sin ψ
 STILL_S = (0.3, 0.1)  # before an event: the ranges from which a roll moves them
 MOSTLY = 2.0  # a change is a roll where its opposite part is so many times its common one
@@ -175,11 +176,12 @@ def _followed(
         return _with(event, followed_s=time_s)
     first, second = float(pair.first_m), float(pair.second_m)
     sine, closing = 0.0, _closing(held)
-    for _ in range(3):  # a known speed closes in at v cos ψ
+    for _ in range(ROUNDS if speed_m_s is not None else 1):  # a known speed closes in at v cos ψ
         if speed_m_s is not None:
             closing = abs(speed_m_s) * math.sqrt(1.0 - sine**2)
         ahead = [float(np.mean(one.ahead_m - closing * (time_s - one.times_s))) for one in held]
-        sine = max(-STEEPEST, min(-(ahead[0] - ahead[1]) / (first - second), STEEPEST))
+        told = max(-STEEPEST, min(-(ahead[0] - ahead[1]) / (first - second), STEEPEST))
+        sine = told if speed_m_s is None else 0.5 * (sine + told)
     cosine = math.sqrt(1.0 - sine**2)
     speed = abs(speed_m_s) if speed_m_s is not None else closing / cosine
     middle = 0.5 * (ahead[0] + ahead[1]) / cosine + 0.5 * (first + second) * sine / cosine
