@@ -12,7 +12,19 @@ import pytest
 from jaxradar.cli import evaluate, main
 
 COMMANDS = [
-    *("demo", "info", "view", "import", "evaluate", "label", "simulate", "tune", "frontier", "bench-detection"),
+    *(
+        "demo",
+        "info",
+        "view",
+        "import",
+        "evaluate",
+        "label",
+        "calibrate",
+        "simulate",
+        "tune",
+        "frontier",
+        "bench-detection",
+    ),
     *("convert", "config"),
 ]
 

@@ -13,6 +13,7 @@ from jaxradar._cache import keep_compiled_programs
 from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar.cli import (
     bench_detection,
+    calibrate,
     config,
     convert,
     demo,
@@ -29,7 +30,21 @@ from jaxradar.cli._output import shown
 
 __all__ = ["main"]
 
-_COMMANDS = (demo, info, view, ingest, evaluate, label, simulate, tune, frontier, bench_detection, convert, config)
+_COMMANDS = (
+    demo,
+    info,
+    view,
+    ingest,
+    evaluate,
+    label,
+    calibrate,
+    simulate,
+    tune,
+    frontier,
+    bench_detection,
+    convert,
+    config,
+)
 _INTERRUPTED = 130  # as a shell says of a program that Ctrl-C ended
 _PIPE_CLOSED = 141
 
