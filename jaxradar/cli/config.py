@@ -89,14 +89,14 @@ def _by_theory(file: DetectorFile, args: argparse.Namespace) -> DetectorFile:
 
     from jaxradar._settings import declared
     from jaxradar.systems.step import DETECTORS
-    from jaxradar.systems.step.range_rate import RangeRateBase
+    from jaxradar.systems.step.range_rate_base import RangeRateBase
 
     held = file.detector
     if not isinstance(held, RangeRateBase):
         known = [name for name, kind in DETECTORS.items() if issubclass(kind, RangeRateBase)]
         raise ConfigError(
             f"there is no theory of the false alarms of `{held.name}`; "
-            f"--false-alarms-per-hour is for {' and '.join(known)}."
+            f"--false-alarms-per-hour is for {', '.join(known[:-1])} and {known[-1]}."
         )
     settings = {name: getattr(held, name) for name in declared(type(held)) if name != "threshold_m_s"}
     correlation = 0.0 if args.noise_correlation is None else args.noise_correlation
