@@ -83,14 +83,11 @@ def _slopes(
     space: Space, detector: Any, costs: Costs, examples: Examples, temperature: float, vector: jax.Array
 ) -> jax.Array:
     """(logs, settings): of what each drive adds to the cost."""
-    steps = jnp.maximum(jnp.sum(jnp.asarray(examples.real, vector.dtype)), 1e-9)
-    hours = jnp.maximum(jnp.sum(jnp.asarray(examples.hours, vector.dtype)), 1e-9)
+    steps, hours = (jnp.sum(jnp.asarray(one, vector.dtype)) for one in (examples.real, examples.hours))
 
     def share(at: jax.Array) -> jax.Array:
         found = smooth_outcome(space.detector(detector, at), examples, temperature)
-        return (costs.missed * found.missed + costs.late * found.late_s) / steps + (
-            costs.false_alarm * found.false / hours
-        )
+        return costs.total(found.missed, found.late_s, found.false, steps, hours)
 
     one = lambda direction: jax.jvp(share, (vector,), (direction,))[1]  # noqa: E731
     return jax.lax.map(one, jnp.eye(len(vector), dtype=vector.dtype)).T

@@ -128,6 +128,7 @@ class StepDetector(Settings, Generic[Observed, State]):
 
     `float64`: whether the detector must run in double precision to choose as its document does.
     `sequential`: whether `follow` goes through time step by step, and so wants many logs side by side.
+    `merged`: whether sweeps above the threshold that follow each other are one detection.
     """
 
     name: ClassVar[str]
@@ -135,6 +136,7 @@ class StepDetector(Settings, Generic[Observed, State]):
     statistic_unit: ClassVar[str]
     float64: ClassVar[bool] = False
     sequential: ClassVar[bool] = True
+    merged: ClassVar[bool] = True
 
     @property
     @abc.abstractmethod

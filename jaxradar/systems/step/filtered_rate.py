@@ -15,6 +15,9 @@ from jaxradar.systems.step.range_rate import RangeRateDetector
 __all__ = ["FilteredRateDetector"]
 
 
+LEAST = -0.1  # of a weight: so that 0, the plain difference, is no bound, from which no slope leads
+
+
 class FilteredRateDetector(RangeRateDetector):
     """As `RangeRateDetector`, with a short filter over the last ranges in place of their plain difference, and with a
     template in place of the Gaussian pulse of `matched filter`.
@@ -31,7 +34,7 @@ class FilteredRateDetector(RangeRateDetector):
     name: ClassVar[str] = "filtered-rate"
 
     filter: Float[Array | np.ndarray, " before"] = weights_setting(
-        (0.0,) * 7, -1.0, 8.0, "", "of the differences before the newest, which weighs 1; all 0: the plain difference"
+        (0.0,) * 7, LEAST, 8.0, "", "of the differences before the newest, which weighs 1; all 0: the plain difference"
     )
     template: Float[Array | np.ndarray, " places"] = weights_setting(
         (1.0,) * 7, 0.0, 4.0, "", "what the pulse is multiplied by, from -1.5 to +1.5 of its width; all 1: a Gaussian"

@@ -53,6 +53,7 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
     statistic_name: ClassVar[str] = "|range rate|"
     statistic_unit: ClassVar[str] = "m/s"
     sequential: ClassVar[bool] = False
+    merged: ClassVar[bool] = False
 
     threshold_m_s: Setting = setting(0.7, 0.0, 1e3, "m/s", "a range rate above this is a step (thesis, section 6.1)")
     exponent: Setting = setting(2.0, 0.0, 6.0, "", "amplitudes are multiplied by (2r)^exponent (thesis, B.2)")
