@@ -18,7 +18,7 @@ __all__ = ["fit"]
 STEP = 1e-6
 
 
-class _Enough(Exception):
+class _EnoughError(Exception):
     pass
 
 
@@ -32,7 +32,7 @@ class _Traced:
 
     def __call__(self, vector: np.ndarray) -> float:
         if self.evaluations >= self.most:
-            raise _Enough
+            raise _EnoughError
         self.evaluations += 1
         value = self.cost(vector)
         if value < self.best:
@@ -81,7 +81,7 @@ def fit(path: str, method: str, seed: int, most: int) -> dict[str, Any]:
     if method == GRID:
         # Three values of each of the first three settings, two of each weight.
         for one in itertools.product(*[(-1.0, 0.0, 1.0)] * 3, *[(-0.7, 0.7)] * 3):
-            with contextlib.suppress(_Enough):
+            with contextlib.suppress(_EnoughError):
                 traced(start_of(seed) + np.array(one))
     else:
         _nelder_mead(traced, start_of(seed))
@@ -104,7 +104,7 @@ def _nelder_mead(cost: _Traced, start: np.ndarray) -> None:
 
     simplex = np.vstack([start, start + 0.5 * np.eye(len(start))])
     options = {"initial_simplex": simplex, "adaptive": True, "xatol": 1e-3, "fatol": 1e-4, "maxfev": 10**6}
-    with contextlib.suppress(_Enough):
+    with contextlib.suppress(_EnoughError):
         minimize(cost, start, method="Nelder-Mead", options=options)
 
 
@@ -121,9 +121,10 @@ def _slope_error(space: Any, detector: Any, costs: Any, examples: Any, own: Any)
 
         start = jnp.asarray(space.vector(detector))
         slope = np.asarray(jax.jit(jax.grad(cost))(start))
-        program, differences = jax.jit(cost), []
-        for step in STEP * np.eye(len(slope)):
-            differences.append(float(program(start + step) - program(start - step)) / (2 * STEP))
+        program = jax.jit(cost)
+        differences = [
+            float(program(start + step) - program(start - step)) / (2 * STEP) for step in STEP * np.eye(len(slope))
+        ]
     return float(np.abs(slope - differences).max() / np.abs(slope).max())
 
 

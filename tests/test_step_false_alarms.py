@@ -138,7 +138,7 @@ def test_all_else_in_a_file_stays(tmp_path: Path, capsys: pytest.CaptureFixture[
     ("arguments", "message"),
     [
         (["default", *ASKED], "there is no theory of the false alarms of `default`; --false-alarms-per-hour is for "),
-        (["lab-live", *ASKED], "of `lab-live`; --false-alarms-per-hour is for thesis and range-rate."),
+        (["lab-live", *ASKED], "of `lab-live`; --false-alarms-per-hour is for thesis, range-rate and filtered-rate."),
         (["thesis", *ASKED[:2]], "--false-alarms-per-hour needs --rate and --range-noise-mm."),
         (["thesis", *ASKED[:4]], "--false-alarms-per-hour needs --range-noise-mm."),
         (["thesis", *ASKED[2:4]], "--rate says nothing without --false-alarms-per-hour."),

@@ -1,8 +1,8 @@
 """Six settings fitted to 1,000 drives, by gradient and without: `python benches/run.py tuning`.
 
 The thesis's pipeline (range compensation, soft-argmax in a window around the peak, a short filter over sweeps in place
-of the plain difference, threshold), on a sensor that looks straight down from a slow car on a floor like a mirror: there
-the range of a single sweep shows a step. All methods minimise one and the same cost, that of `jaxradar.tuning`.
+of the plain difference, threshold), on a sensor that looks straight down from a slow car on a floor like a mirror:
+there the range of a single sweep shows a step. All methods minimise one and the same cost, that of `jaxradar.tuning`.
 """
 
 from __future__ import annotations
@@ -70,7 +70,18 @@ def start_of(seed: int) -> np.ndarray:
 def measure(settings: Settings) -> Section:
     count, seeds = (64, 1) if settings.quick else (1000, 3)
     title = f"6 settings fitted to {count} drives of 300 sweeps x 128 bins; {seeds} seeds, a process each"
-    columns = ("method", "s", "range", "evaluations", "cost", "range", "peak MB", "s to equal cost", "/gradient", "range")
+    columns = (
+        "method",
+        "s",
+        "range",
+        "evaluations",
+        "cost",
+        "range",
+        "peak MB",
+        "s to equal cost",
+        "/gradient",
+        "range",
+    )
     section = Section("tuning", title, columns)
     found: dict[str, list[dict[str, Any]]] = {GRADIENT: [], NUMPY: [], JAX: [], GRID: []}
     with tempfile.TemporaryDirectory(prefix="jaxradar-bench-") as folder:
@@ -136,13 +147,13 @@ def _judge(section: Section, found: dict[str, list[dict[str, Any]]], quick: bool
     first = found[GRADIENT]
     section.notes.append(
         f"Asked: <= {MOST_S:.0f} s and <= {MOST_GB:.0f} GB with compiling, >= {LEAST_RATIO:.0f} times faster than "
-        "Nelder-Mead on NumPy at equal cost. Seconds are from drives in memory to settings, compiling included; cost: on "
+        "Nelder-Mead on NumPy at equal cost. Seconds: from drives in memory to settings, compiling included; cost: on "
         "all drives, at the last temperature. Equal cost: that of the gradient of the same seed; > where it was never "
         "reached. All begin at the same detector, the gradient at three drawn ones too. peak MB: all of the process."
     )
     if not quick and first:
         section.notes.append(
-            f"Steps of the gradient: {max(one['seconds'] for one in first):.1f} s at most, "
-            f"{max(one['peak'] for one in first) / 1e9:.2f} GB. Largest difference of a slope from central differences, "
-            f"in float64, of the largest slope: {max(one['slope'] for one in first):.1e}."
+            f"The gradient took {max(one['seconds'] for one in first):.1f} s at most, "
+            f"{max(one['peak'] for one in first) / 1e9:.2f} GB. Largest difference of a slope from central "
+            f"differences, in float64, of the largest slope: {max(one['slope'] for one in first):.1e}."
         )

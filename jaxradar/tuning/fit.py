@@ -42,7 +42,7 @@ class Plan:
     candidates: int = 32
     spread: float = 1.5
     temperatures: tuple[float, ...] = (0.3, 0.1, 0.05)
-    steps: int = 16
+    steps: int = 32
     logs: int = 64
     seed: int = 0
 
@@ -70,7 +70,7 @@ class Tuned:
 
     - `detector`: at the least cost on the drives kept for validation; `vector`: where it stands in `space`. `before`,
       `after`: that cost of the detector that was given, and of this one, at the last temperature.
-    - `starts`: how each went.
+    - `starts`: how each went; `best`: which of them was taken.
     """
 
     detector: StepDetector[Any, Any]
@@ -79,6 +79,7 @@ class Tuned:
     before: float
     after: float
     starts: tuple[Start, ...]
+    best: int
 
 
 def tune(
@@ -138,7 +139,7 @@ def tune(
         for place in range(len(vectors))
     )
     tuned = space.detector_at(detector, vectors[best])
-    return Tuned(tuned, space, vectors[best], float(scores[0][0]), float(scores[-1][best]), starts)
+    return Tuned(tuned, space, vectors[best], float(scores[0][0]), float(scores[-1][best]), starts, best)
 
 
 def costs_of(

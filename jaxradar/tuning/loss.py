@@ -47,7 +47,9 @@ class Costs:
     def total(self, missed: Any, late_s: Any, false: Any, steps: Any, hours: Any) -> Any:
         """Of sums over some drives: misses and lateness a step, false alarms an hour, of so many of either. Linear in
         the sums, so that drives may be gone through in parts."""
-        return (self.missed * missed + self.late * late_s) / (steps + _TINY) + self.false_alarm * false / (hours + _TINY)
+        return (self.missed * missed + self.late * late_s) / (steps + _TINY) + self.false_alarm * false / (
+            hours + _TINY
+        )
 
 
 class Outcome(eqx.Module):

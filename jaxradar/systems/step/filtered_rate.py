@@ -57,9 +57,7 @@ class FilteredRateDetector(RangeRateDetector):
             taps = np.diff(np.pad(weights / weights.sum(), 1))
             apart = np.abs(np.subtract.outer(np.arange(taps.size), np.arange(taps.size)))
             sd_m *= math.sqrt(taps @ float(correlation) ** apart @ taps / (2.0 * (1.0 - correlation)))
-        return super().from_false_alarm_rate(
-            per_hour, rate_hz=rate_hz, sd_m=sd_m, correlation=correlation, **settings
-        )
+        return super().from_false_alarm_rate(per_hour, rate_hz=rate_hz, sd_m=sd_m, correlation=correlation, **settings)
 
     def _weights(self) -> Float[Array | np.ndarray, " before"]:
         return self.filter

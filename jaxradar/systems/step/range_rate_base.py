@@ -145,7 +145,7 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
             before = jnp.where(first, state.range_m[:, None], before)
             elapsed = jnp.where(first, dt + state.elapsed_s[:, None], dt)
             seen = ~first | state.seen[:, None]
-            earlier, *held = self._filtered(state, count, *_difference(observations, before, elapsed, seen))
+            earlier, *held = self._filtered(state, count, *each_sweep(_difference)(observations, before, elapsed, seen))
             decision = each_sweep(self._decide)(observations, before, elapsed, seen, earlier)
             waited = jnp.sum(jnp.where(valid, 0.0, dt), axis=1) + jnp.where(count > 0, 0.0, state.elapsed_s)
             return jax.vmap(RangeRateState)(last, waited, state.seen | (count > 0), *held), decision
