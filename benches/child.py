@@ -154,6 +154,12 @@ def workers(path: str, count: int, workers: int, cores: int) -> dict[str, Any]:
     return {"seconds": sorted(seconds)[1], "sweeps": sweeps}
 
 
+def tuning(path: str, method: str, seed: int, most: int) -> dict[str, Any]:
+    from fits import fit
+
+    return fit(path, method, seed, most)
+
+
 if __name__ == "__main__":
     tasks: dict[str, Callable[..., dict[str, Any]]] = {
         "memory": memory,
@@ -162,5 +168,6 @@ if __name__ == "__main__":
         "scenes": scenes,
         "store": store,
         "workers": workers,
+        "tuning": tuning,
     }
     print(json.dumps(tasks[sys.argv[1]](**json.loads(sys.argv[2]))))

@@ -27,6 +27,7 @@ SECTIONS = {
     "batch": "batch",
     "bins": "bins",
     "gradient": "gradient",
+    "tuning": "tuning",
     "compile": "compiling",
     "scenes": "scenes",
     "store": "store",

@@ -29,13 +29,26 @@ __all__ = [
     "setting",
     "settings_lines",
     "shape_setting",
+    "weights_setting",
 ]
+
+MOST_WEIGHTS = 256
 
 
 def setting(default: float, low: float, high: float, unit: str, doc: str) -> Any:
     """A value that tuning may move: an array leaf with bounds (both allowed), a unit and one line of explanation."""
     return eqx.field(
         default=default, converter=as_scalar, metadata={"low": low, "high": high, "unit": unit, "doc": doc}
+    )
+
+
+def weights_setting(default: tuple[float, ...], low: float, high: float, unit: str, doc: str) -> Any:
+    """Some values that tuning may move together or one by one, each between the bounds: an array leaf of one axis. How
+    many there are sets a shape, their values do not."""
+    return eqx.field(
+        default=default,
+        converter=as_scalar,
+        metadata={"low": low, "high": high, "unit": unit, "doc": doc, "weights": True},
     )
 
 
@@ -73,10 +86,20 @@ class Settings(eqx.Module):
             if "low" not in field.metadata or isinstance(value, jax.core.Tracer):
                 continue
             low, high = field.metadata["low"], field.metadata["high"]
-            if not (np.ndim(value) == 0 and low <= value <= high):
+            unit = f" {field.metadata['unit']}" if field.metadata["unit"] else ""
+            if "weights" in field.metadata:
+                if not (
+                    np.ndim(value) == 1
+                    and 1 <= len(value) <= MOST_WEIGHTS
+                    and np.all((low <= np.asarray(value)) & (np.asarray(value) <= high))
+                ):
+                    raise ValueError(
+                        f"`{type(self).__name__}({field.name}=...)` must be 1 to {MOST_WEIGHTS} numbers between {low} "
+                        f"and {high}{unit}; got {np.asarray(value).tolist()}."
+                    )
+            elif not (np.ndim(value) == 0 and low <= value <= high):
                 raise ValueError(
-                    f"`{type(self).__name__}({field.name}=...)` must be between {low} and {high}"
-                    f"{' ' + field.metadata['unit'] if field.metadata['unit'] else ''}; got {value}."
+                    f"`{type(self).__name__}({field.name}=...)` must be between {low} and {high}{unit}; got {value}."
                 )
 
 
@@ -133,12 +156,11 @@ def _read_value(path: str | PathLike[str], one: dataclasses.Field[Any], value: A
         if not isinstance(value, bool):
             raise ConfigError(f"{path}: `{one.name}` in {where} must be true or false; got {value!r}.")
         return value
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f"{path}: `{one.name}` in {where} must be a number; got {value!r}.")
-    try:
-        held = float(value)
-    except OverflowError:
-        raise ConfigError(f"{path}: `{one.name}` in {where} is larger than any number a computer holds.") from None
+    if "weights" in one.metadata:
+        if not isinstance(value, list):
+            raise ConfigError(f"{path}: `{one.name}` in {where} must be a list of numbers; got {value!r}.")
+        return tuple(_read_number(path, one, each, where) for each in value)
+    held = _read_number(path, one, value, where)
     if one.metadata.get("static") and isinstance(one.default, int):
         if not held.is_integer():
             raise ConfigError(f"{path}: `{one.name}` in {where} must be a whole number; got {value!r}.")
@@ -146,12 +168,21 @@ def _read_value(path: str | PathLike[str], one: dataclasses.Field[Any], value: A
     return held
 
 
+def _read_number(path: str | PathLike[str], one: dataclasses.Field[Any], value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ConfigError(f"{path}: `{one.name}` in {where} must be a number; got {value!r}.")
+    try:
+        return float(value)
+    except OverflowError:
+        raise ConfigError(f"{path}: `{one.name}` in {where} is larger than any number a computer holds.") from None
+
+
 def settings_lines(held: Settings) -> list[str]:
     """The declared settings as lines of TOML, each with its unit and meaning."""
     lines = []
     for one in declared(type(held)).values():
         value = getattr(held, one.name)
-        plain = value if isinstance(value, bool | int | str) else float(value)
+        plain = value if isinstance(value, bool | int | str) else np.asarray(value, np.float64).tolist()
         unit = f"{one.metadata['unit']}: " if one.metadata["unit"] else ""
         choices = f": {', '.join(one.metadata['choices'])}" if "choices" in one.metadata else ""
         lines.append(toml_line(one.name, plain, unit + one.metadata["doc"] + choices))

@@ -22,6 +22,7 @@ from jaxradar.systems.step import (
     ApproachDetector,
     Decision,
     DefaultDetector,
+    FilteredRateDetector,
     LabLiveDetector,
     RangeAxis,
     RangeRateDetector,
@@ -43,7 +44,9 @@ def axis_of(bins: int) -> RangeAxis:
 
 def tunable(detector: Any) -> dict[str, dataclasses.Field]:
     fields = dataclasses.fields(detector)
-    return {one.name: one for one in fields if "low" in one.metadata and not one.metadata.get("static")}
+    # Weights have tests of their own, in test_step_filtered.py.
+    skipped = ("static", "weights")
+    return {one.name: one for one in fields if "low" in one.metadata and not any(map(one.metadata.get, skipped))}
 
 
 def series_of(sweep: np.ndarray) -> np.ndarray:
@@ -91,8 +94,11 @@ def decided(detector: Any, bins: int, *arguments: Any) -> dict[str, Any]:
 Place = Callable[[np.ndarray, np.ndarray, dict[str, float]], tuple[float, float, bool]]
 
 
-def range_rate(place: Place, counts: np.ndarray, dt: np.ndarray, settings: dict[str, float]) -> dict[str, Any]:
-    """`place`: slant range, strength and whether there is an echo."""
+def range_rate(
+    place: Place, weights: list[float], counts: np.ndarray, dt: np.ndarray, settings: dict[str, float]
+) -> dict[str, Any]:
+    """`place`: slant range, strength and whether there is an echo. `weights`: of the differences before the newest."""
+    before = [(0.0, 0.0)] * len(weights)
     rows: list[tuple[float, float, float, bool]] = []
     last_m, elapsed, seen = 0.0, 0.0, False
     range_m = np.asarray(axis_of(counts.shape[1]).range_m)
@@ -100,8 +106,11 @@ def range_rate(place: Place, counts: np.ndarray, dt: np.ndarray, settings: dict[
         elapsed += step
         now_m, strength, valid = place(sweep, range_m, settings)
         known = valid and seen and elapsed > 0
-        speed = (now_m - last_m) / elapsed if known else 0.0
+        newest = (now_m - last_m, elapsed) if known else (0.0, 0.0)
+        rise, wait = (newest[i] + sum(w * one[i] for w, one in zip(weights, before, strict=True)) for i in (0, 1))
+        speed = rise / wait if known and wait > 0 else 0.0
         if valid:
+            before = [newest, *before][: len(weights)]
             last_m, elapsed, seen = now_m, 0.0, True
         rows.append((last_m, speed, strength, valid))
     ranges, speeds, strengths, valid_ones = map(np.array, zip(*rows, strict=True))
@@ -226,7 +235,7 @@ def answer_of(detector: Any, counts: Any, dt: Any, flags: Any, temperature: Any,
     if isinstance(detector, ShiftDetector):
         return shift(counts, dt, flags, held)
     peak = place_by_thesis if isinstance(detector, ThesisDetector) else partial(place_by_peak, detector.peak)
-    return range_rate(peak, counts, dt, held)
+    return range_rate(peak, [float(one) for one in getattr(detector, "filter", ())], counts, dt, held)
 
 
 def detector_cases() -> Iterator[Case]:
@@ -236,6 +245,8 @@ def detector_cases() -> Iterator[Case]:
         peaks = PEAKS if kind is RangeRateDetector else (None,)
         for peak in peaks:
             detector = kind() if peak is None else kind(peak=peak)
+            if kind is FilteredRateDetector:
+                detector = FilteredRateDetector(filter=(2.0, 0.5, -0.1))
             if kind is ApproachDetector:  # else the few sweeps are over before it has settled
                 detector = ApproachDetector(settle_s=0.0, start_s=0.0, speeds=3, places=9, place_m=0.06)
             settings = tuple(range(4, 4 + len(tunable(detector))))

@@ -19,6 +19,7 @@ from jaxradar.drive import SensorSeries, SweepFlag
 from jaxradar.systems.step import (
     ApproachDetector,
     DefaultDetector,
+    FilteredRateDetector,
     LabLiveDetector,
     RangeAxis,
     RangeRateDetector,
@@ -47,6 +48,7 @@ DETECTORS: dict[str, Any] = {
     # A third of the cells, for what does not hang on their number: a program of a second, not of five.
     "few cells": ShiftDetector(cell_m=0.06),
     **{peak: RangeRateDetector(peak=peak) for peak in PEAKS},
+    "filtered": FilteredRateDetector(filter=(2.0, 0.5, -0.1)),
     "soft-argmax, compensated": RangeRateDetector(refine_compensated=True),
     "parabola, compensated": RangeRateDetector(peak="parabola", refine_compensated=True),
 }

@@ -148,7 +148,10 @@ def test_all_else_in_a_file_stays(tmp_path: Path, capsys: pytest.CaptureFixture[
     ("arguments", "message"),
     [
         (["default", *ASKED], "there is no theory of the false alarms of `default`; --false-alarms-per-hour is for "),
-        (["lab-live", *ASKED], "of `lab-live`; --false-alarms-per-hour is for thesis, range-rate, approach."),
+        (
+            ["lab-live", *ASKED],
+            "of `lab-live`; --false-alarms-per-hour is for thesis, range-rate, filtered-rate, ",
+        ),
         (["thesis", *ASKED[:2]], "--false-alarms-per-hour needs --rate and --range-noise-mm."),
         (["approach", *ASKED[:2]], "--false-alarms-per-hour needs --rate."),
         (["approach", *ASKED], "--range-noise-mm says nothing of the false alarms of `approach`."),

@@ -1,7 +1,7 @@
 """Guarded arithmetic, reductions in the shape that the processor wants, and how programs are compiled."""
 
 from jaxradar._numerics.arg_max import first_argmax, first_largest, packed_largest, select_largest, value_at
-from jaxradar._numerics.compilation import compiled, row_major
+from jaxradar._numerics.compilation import compiled, compiled_filtered, row_major
 from jaxradar._numerics.guards import (
     as_scalar,
     finite,
@@ -30,6 +30,7 @@ __all__ = [
     "angle_of",
     "as_scalar",
     "compiled",
+    "compiled_filtered",
     "cosine_sine",
     "cpu_shaped",
     "finite",

@@ -6,10 +6,11 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
 from jax.experimental.layout import Layout, with_layout_constraint
 
-__all__ = ["compiled", "compiler_options", "row_major"]
+__all__ = ["compiled", "compiled_filtered", "compiler_options", "row_major"]
 
 # What pays on CPUs, measured by `benches/run.py batch`; both leave every result within rounding of what it was.
 _WANTED: dict[str, Any] = {
@@ -52,6 +53,20 @@ def compiled(function: Callable[..., Any], **jit_options: Any) -> Callable[..., 
 
     call.lower = lambda *args, **kwargs: program().lower(*args, **kwargs)  # type: ignore[attr-defined]
     call.trace = lambda *args, **kwargs: program().trace(*args, **kwargs)  # type: ignore[attr-defined]
+    return call
+
+
+def compiled_filtered(function: Callable[..., Any]) -> Callable[..., Any]:
+    """As `compiled`, by `equinox.filter_jit`: what is no array in the arguments is static, a Python number too."""
+
+    @functools.cache
+    def program() -> Any:
+        return eqx.filter_jit(function, compiler_options=compiler_options())
+
+    @functools.wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        return program()(*args, **kwargs)
+
     return call
 
 

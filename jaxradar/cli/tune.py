@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,7 @@ _USUAL = {
     "approach": ("evidence", "tilt_far", "tilt_near", "look_m", "reference_s", "noise_share"),
     "shift": ("evidence", "window_s", "over_floor", "most_unexplained"),
     "range-rate": ("threshold_m_s", "exponent", "temperature"),
+    "filtered-rate": ("threshold_m_s", "exponent", "temperature", "filter"),
     "thesis": ("threshold_m_s",),
 }
 _DESCRIPTION = """\
@@ -36,7 +38,8 @@ from soft to hard; what costs least on the last quarter is taken. The result is
 a file for --detector that says where its values come from.
 
 Beside each value stands how well the drives determine it. One that they do not
-determine is named: leave it out, or bring drives that say more."""
+determine is named, and so are those that they determine only in combination:
+leave it out, or one of these, or bring drives that say more."""
 _EXAMPLE = """\
 jaxradar tune drives/ -o mine.toml
   jaxradar tune drives/ -o mine.toml --detector range-rate \\
@@ -59,6 +62,9 @@ def add_to(commands: Any) -> None:
     )
     parser.add_argument("--late", type=number(0.0), default=0.5, metavar="C", help="of each second of lateness (0.5)")
     parser.add_argument("--starts", type=whole(1, 64), default=4, metavar="N", help="side by side (default: 4)")
+    parser.add_argument(
+        "--steps", type=whole(1, 10_000), default=32, metavar="N", help="most of each start, three times (default: 32)"
+    )
     parser.add_argument("--seed", type=whole(0), default=0, metavar="N", help="of split, starts and batches")
     parser.add_argument("--report", metavar="DIR", help="folder for fit.json and fit.png")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -78,7 +84,12 @@ def _run(args: argparse.Namespace) -> int:
     drives = _read(args)
     fitted_to, kept = split(len(drives), args.seed)
     examples, validation = (examples_of([drives[place] for place in places]) for places in (fitted_to, kept))
-    plan = Plan(starts=args.starts, seed=args.seed)
+    for what, held in (("to fit to", examples), ("kept for validation", validation)):
+        if not held.real.any():
+            raise ConfigError(
+                f"there is no step in the {held.logs} drives {what}; bring more with steps, or give another --seed."
+            )
+    plan = Plan(starts=args.starts, steps=args.steps, seed=args.seed)
     if not sys.stderr.isatty():
         print(f"jaxradar: fitting {len(names)} settings to {len(fitted_to)} drives ...", file=sys.stderr)
     with progress("fitting", len(plan.temperatures)) as advance:
@@ -89,7 +100,14 @@ def _run(args: argparse.Namespace) -> int:
     provenance = {**_provenance(args, costs, len(fitted_to), len(kept)), **_scores(tuned, fitted)}
     text = dump_detector(DetectorFile(tuned.detector, file.mounting, provenance))
     write_text(Path(args.output), text)
-    record = plain({**provenance, "settings": [vars(one) for one in fitted]})
+    record = plain(
+        {
+            **provenance,
+            "settings": [vars(one) for one in fitted],
+            "starts": [{"costs": one.costs.tolist(), "outcomes": one.outcomes} for one in tuned.starts],
+            "taken": tuned.best,
+        }
+    )
     if folder is not None:
         from jaxradar.plots.style import save
         from jaxradar.plots.tuning import plot_fit
@@ -172,12 +190,43 @@ def _scores(tuned: Tuned, fitted: tuple[Fitted, ...]) -> dict[str, Any]:
 
 
 def _print(tuned: Tuned, fitted: tuple[Fitted, ...], output: str) -> None:
-    rows = [
-        [one.name, f"{one.value:.4g}", f"{one.sd:.2g}" if one.determined else "not determined by these drives"]
-        for one in fitted
-    ]
-    print_table(sys.stdout, ["setting", "value", "standard deviation"], rows)
+    print_table(
+        sys.stdout,
+        ["setting", "value", "standard deviation"],
+        [[one.name, f"{one.value:.4g}", _known(one)] for one in fitted],
+    )
     print(f"Cost on the drives kept for validation: {tuned.before:.4g} before, {tuned.after:.4g} after.")
     if not tuned.after < tuned.before:
         print("Nothing costs less than the detector as it is: its settings are kept.")
+    for sentence in _troubles(tuned):
+        print(sentence)
     print(f"Written to {shown(output)}; use it as --detector {shown(output)}")
+
+
+def _known(one: Fitted) -> str:
+    if one.determined:
+        return f"{one.sd:.2g}"
+    if one.together:
+        return f"determined by these drives only together with {', '.join(one.together)}"
+    return "not determined by these drives"
+
+
+def _troubles(tuned: Tuned) -> Iterator[str]:
+    """What went wrong in the last stage, why it matters and what to do."""
+    ended = [one.outcomes[-1] for one in tuned.starts]
+    count, taken = len(ended), ended[tuned.best]
+    starts = f"{count} {'start' if count == 1 else 'starts'}"
+    starts = f"{count} {'start' if count == 1 else 'starts'}"
+    late, broken = ended.count("out of steps"), ended.count("not finite")
+    if late:
+        matters = (
+            "The settings that were taken are of such a start and may still get better"
+            if taken == "out of steps"
+            else "The one that was taken converged, but another might have come to cost less"
+        )
+        yield f"{late} of {starts} stopped before they converged. {matters}; give --steps more."
+    if broken:
+        yield (
+            f"{broken} of {starts} came to where the cost is no number, and stayed where they were before. If it is "
+            "most of them, check the logs for amplitudes that are no numbers, or leave a setting out."
+        )

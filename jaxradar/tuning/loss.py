@@ -20,6 +20,7 @@ from jaxradar.tuning.examples import Examples
 __all__ = ["Costs", "Outcome", "smooth_outcome"]
 
 _NEVER = -1e4  # a logit
+_TINY = 1e-9  # steps, or hours: drives may hold none
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,6 +44,13 @@ class Costs:
         if not any(vars(self).values()):
             raise ConfigError("at least one cost must be above 0.")
 
+    def total(self, missed: Any, late_s: Any, false: Any, steps: Any, hours: Any) -> Any:
+        """Of sums over some drives: misses and lateness a step, false alarms an hour, of so many of either. Linear in
+        the sums, so that drives may be gone through in parts."""
+        return (self.missed * missed + self.late * late_s) / (steps + _TINY) + self.false_alarm * false / (
+            hours + _TINY
+        )
+
 
 class Outcome(eqx.Module):
     """What is to be expected of a detector, each (logs,): misses, hits, the sum over the hits of the seconds since the
@@ -55,11 +63,9 @@ class Outcome(eqx.Module):
 
     def cost(self, hours: Float[Array | np.ndarray, " logs"], costs: Costs) -> Scalar:
         """Of all logs together: misses and lateness a step, false alarms an hour."""
-        steps = jnp.maximum(jnp.sum(self.missed + self.seen), 1e-9)
-        hourly = jnp.sum(self.false) / jnp.maximum(jnp.sum(jnp.asarray(hours)), 1e-9)
-        return (costs.missed * jnp.sum(self.missed) + costs.late * jnp.sum(self.late_s)) / steps + (
-            costs.false_alarm * hourly
-        )
+        steps = jnp.sum(self.missed + self.seen)
+        sums = (jnp.sum(one) for one in (self.missed, self.late_s, self.false))
+        return jnp.asarray(costs.total(*sums, steps, jnp.sum(jnp.asarray(hours))))
 
 
 def smooth_outcome(detector: StepDetector[Any, Any], examples: Examples, temperature: Setting) -> Outcome:
@@ -67,9 +73,9 @@ def smooth_outcome(detector: StepDetector[Any, Any], examples: Examples, tempera
 
     A sweep is a detection with the probability w = 1 / (1 + (threshold / statistic)^(1 / temperature)), whatever the
     others are: none where the statistic is 0, however hot it is. Then a step is missed with the product of 1 − w over
-    its window, and seen first at a sweep with w times that product over those before. A false alarm is counted where a
-    detection follows none: w(t)(1 − w(t−1)). As the temperature falls, all tend to what is counted of detections
-    without hysteresis and refractory time.
+    its window, and seen first at a sweep with w times that product over those before. Each detection outside is a false
+    alarm; of a detector that is `merged` only one that follows none, w(t)(1 − w(t−1)). As the temperature falls, all
+    tend to what is counted of detections without hysteresis and refractory time.
     """
     decisions: Decision = run_batch(detector, *examples.batch)
     least = jnp.finfo(decisions.statistic.dtype).tiny
@@ -84,7 +90,7 @@ def smooth_outcome(detector: StepDetector[Any, Any], examples: Examples, tempera
     missed = jnp.where(examples.real, jnp.exp(jnp.sum(quiet, axis=-1)), 0.0)
     longest = jnp.max(jnp.where(window, examples.lead_s, 0.0), axis=-1, keepdims=True)
     late = jnp.sum(first * (longest - examples.lead_s), axis=(1, 2))
-    since = jnp.pad(weight[:, :-1], ((0, 0), (1, 0)))
-    false = jnp.sum(jnp.where(examples.false, weight * (1.0 - since), 0.0), axis=-1)
+    alarms = weight * (1.0 - jnp.pad(weight[:, :-1], ((0, 0), (1, 0)))) if detector.merged else weight
+    false = jnp.sum(jnp.where(examples.false, alarms, 0.0), axis=-1)
     missed = jnp.sum(missed, axis=-1)
     return Outcome(missed, jnp.sum(jnp.where(examples.real, 1.0, 0.0), axis=-1) - missed, late, false)

@@ -35,24 +35,37 @@ class Space(eqx.Module):
 
     @classmethod
     def of(cls, detector: StepDetector[Any, Any], names: Sequence[str]) -> Space:
-        """Settings of a part are written `part.setting`. Raises `ConfigError` for a name that is no setting of the
-        detector, or one that sets a shape."""
+        """Settings of a part are written `part.setting`; of some weights, `weights` are all and `weights[2]` is the
+        third. Raises `ConfigError` for a name that is no setting of the detector, or one that sets a shape."""
         known = _known(detector)
-        free = [name for name, one in known.items() if not one.metadata.get("static") and "low" in one.metadata]
+        free = {name: one for name, one in known.items() if not one.metadata.get("static") and "low" in one.metadata}
+        each: dict[str, list[str]] = {
+            name: [f"{name}[{place}]" for place in range(len(_get(detector, name)))] if _many(one) else [name]
+            for name, one in free.items()
+        }
+        single = {place: name for name, places in each.items() for place in places}
+        found: list[str] = []
         for name in names:
             if name in known and name not in free:
                 raise ConfigError(
                     f"`{name}` of the detector `{detector.name}` sets a shape or a choice, and has no slope."
                 )
-            if name not in free:
+            whole = name.split("[")[0]
+            if name not in each and name not in single and whole in free and _many(free[whole]):
+                raise ConfigError(
+                    f"`{whole}` of the detector `{detector.name}` has {len(each[whole])} values, "
+                    f"{each[whole][0]} to {each[whole][-1]}; got `{name}`."
+                )
+            if name not in each and name not in single:
                 raise ConfigError(
                     f"the detector `{detector.name}` has no setting `{name}`{nearest(name, free)}; "
                     f"expected {', '.join(free)}."
                 )
-        if not names or len(set(names)) != len(names):
+            found += each.get(name, [name])
+        if not found or len(set(found)) != len(found):
             raise ConfigError(f"expected settings to tune, each once; got {', '.join(names) or 'none'}.")
-        bounds = np.array([[known[name].metadata["low"], known[name].metadata["high"]] for name in names])
-        return cls(tuple(names), bounds[:, 0], bounds[:, 1])
+        bounds = np.array([[free[single[name]].metadata[end] for end in ("low", "high")] for name in found])
+        return cls(tuple(found), bounds[:, 0], bounds[:, 1])
 
     def vector(self, detector: StepDetector[Any, Any]) -> Float[np.ndarray, " settings"]:
         """Where a detector stands."""
@@ -72,21 +85,26 @@ class Space(eqx.Module):
         self, base: StepDetector[Any, Any], vector: Float[Array | np.ndarray, " settings"]
     ) -> StepDetector[Any, Any]:
         """`base` with the settings of a point, which may be traced."""
-        values = self.values(vector)
-        return eqx.tree_at(
-            lambda held: [_get(held, name) for name in self.names],
-            base,
-            [values[place] for place in range(len(self.names))],
-        )
+        return self._replaced(base, self.values(vector), jnp)
 
     def detector_at(
         self, base: StepDetector[Any, Any], vector: Float[np.ndarray, " settings"]
     ) -> StepDetector[Any, Any]:
         """The same with plain numbers, within their bounds to the last digit."""
         values = np.clip(np.asarray(self.values(np.asarray(vector, np.float64)), np.float64), self.low, self.high)
-        return eqx.tree_at(
-            lambda held: [_get(held, name) for name in self.names], base, [np.asarray(value) for value in values]
-        )
+        return self._replaced(base, values, np)
+
+    def _replaced(self, base: StepDetector[Any, Any], values: Any, numpy: Any) -> StepDetector[Any, Any]:
+        """`values` in their places; those of one setting's weights together."""
+        leaves: dict[str, Any] = {}
+        for name, value in zip(self.names, values, strict=True):
+            whole, place = _place(name)
+            if place is None:
+                leaves[whole] = numpy.asarray(value)
+            else:
+                held = leaves.get(whole, numpy.asarray(_get(base, whole), values.dtype))
+                leaves[whole] = numpy.where(np.arange(len(held)) == place, value, held)
+        return eqx.tree_at(lambda held: [_get(held, name) for name in leaves], base, list(leaves.values()))
 
     def steps(self, vector: Float[np.ndarray, " settings"]) -> Float[np.ndarray, " settings"]:
         """How much each setting changes for a small step of the vector, per unit of it."""
@@ -104,7 +122,18 @@ def _known(detector: StepDetector[Any, Any]) -> dict[str, Any]:
     return known
 
 
+def _many(setting: Any) -> bool:
+    return "weights" in setting.metadata
+
+
+def _place(name: str) -> tuple[str, int | None]:
+    """A setting's name, and which of its weights where it is one of them."""
+    whole, _, place = name.removesuffix("]").partition("[")
+    return whole, int(place) if place else None
+
+
 def _get(detector: Any, name: str) -> Any:
-    for one in name.split("."):
+    whole, place = _place(name)
+    for one in whole.split("."):
         detector = getattr(detector, one)
-    return detector
+    return detector if place is None else detector[place]

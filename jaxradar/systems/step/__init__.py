@@ -5,6 +5,7 @@ from jaxradar.systems.step.batch import detect_batch
 from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector
 from jaxradar.systems.step.default import DefaultDetector
 from jaxradar.systems.step.files import DETECTORS, DetectorFile, dump_detector, load_detector
+from jaxradar.systems.step.filtered_rate import FilteredRateDetector
 from jaxradar.systems.step.ground import Beam, Ground
 from jaxradar.systems.step.height import HeightFinder, StepHeight, step_height, step_heights
 from jaxradar.systems.step.lab_live import LabLiveDetector
@@ -34,6 +35,7 @@ __all__ = [
     "Decision",
     "DefaultDetector",
     "DetectorFile",
+    "FilteredRateDetector",
     "Ground",
     "HeightFinder",
     "LabLiveDetector",

@@ -129,6 +129,7 @@ class StepDetector(Settings, Generic[Observed, State]):
     `float64`: whether the detector must run in double precision to choose as its document does.
     `theory`: what its class method `from_false_alarm_rate` derives the threshold from; empty of one without.
     `sequential`: whether `follow` goes through time step by step, and so wants many logs side by side.
+    `merged`: whether sweeps above the threshold that follow each other are one detection.
     """
 
     name: ClassVar[str]
@@ -137,6 +138,7 @@ class StepDetector(Settings, Generic[Observed, State]):
     float64: ClassVar[bool] = False
     theory: ClassVar[str] = ""
     sequential: ClassVar[bool] = True
+    merged: ClassVar[bool] = True
 
     @property
     @abc.abstractmethod

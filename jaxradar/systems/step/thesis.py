@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxradar._numerics import finite, nonnegative, packed_largest
 from jaxradar._types import Flags, RawSweep
 from jaxradar.systems.step.config import RangeAxis, SweepPeak, is_saturated, usable
-from jaxradar.systems.step.range_rate import RangeRateBase
+from jaxradar.systems.step.range_rate_base import RangeRateBase
 
 __all__ = ["ThesisDetector"]
 
