@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxradar._errors import ConfigError
 from jaxradar.cli._options import add_command, number, whole
-from jaxradar.cli._output import plain, print_table, ready_folder, shown, told_shares, write_json
+from jaxradar.cli._output import plain, ready_folder, shown, told_shares, write_json
 
 if TYPE_CHECKING:
     from jaxradar.drive import SensorSeries
-    from jaxradar.estimate.intervals import Estimate
-    from jaxradar.suite import Recorded, Suite
+    from jaxradar.suite import HeightErrors, Oblique, ObliqueCell, StepCell, Suite
+    from jaxradar.systems.step import StepDetector
+
+    Detectors = Mapping[str, StepDetector[Any, Any]]
 
 __all__ = ["add_to"]
 
 SEED = 10  # earlier ones were looked at while settings were chosen
+PARTS = ("drives", "oblique", "heights")
+SHARE = 10  # oblique steps and heights take longer, and are driven over a tenth as often
 
 _DESCRIPTION = """\
 Drive simulated cars over steps of every height, at every speed, over smooth,
@@ -28,9 +33,11 @@ wet, dry and rough roads, and over roads without a step, pulling away and
 braking among them; and say of each detector how many steps it sees with 80 %
 of the lead that geometry allows, how early, and how often it alarms for
 nothing, with 95 % intervals. The drives are never those that anything was
-tuned on. --standing adds recordings of a car that stands, as they are and with
-steps put in. Written to DIR: detection.json with all figures, and pictures.
-The whole takes half an hour; --quick a few minutes."""
+tuned on. Then what two sensors recover of oblique steps that one reports too
+late, and how well the height of a step is told. --standing adds recordings of
+a car that stands, as they are and with steps put in. Written to DIR:
+detection.json with all figures, and pictures. The whole takes hours on two
+cores; --quick a few minutes."""
 _EXAMPLE = """\
 jaxradar bench-detection -o detection --quick
   jaxradar bench-detection -o detection --detector mine.toml"""
@@ -66,13 +73,15 @@ def add_to(commands: Any) -> None:
         metavar="PATH",
         help="recordings of a car that stands, as they are and with steps put in; again for more",
     )
+    parser.add_argument(
+        "--only", action="append", choices=PARTS, help="this part of what is simulated alone; again for another"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
 
 
 def _run(args: argparse.Namespace) -> int:
-    from jaxradar.plots.detection import plot_heights, plot_roc
-    from jaxradar.plots.style import save
-    from jaxradar.suite import grid, measure_recordings, recorded_record, run_suite, suite_record, variations
+    from jaxradar.cli._suite_tables import print_heights, print_oblique, print_recorded, print_suite
+    from jaxradar.suite import measure_recordings, oblique_total, recorded_record, suite_record
     from jaxradar.systems.step import load_detector
 
     names = list(dict.fromkeys(args.detector or ["default", "thesis"]))
@@ -81,31 +90,107 @@ def _run(args: argparse.Namespace) -> int:
     folder = ready_folder(args.output, "--output")
     assert folder is not None
     recordings = _standing(args.standing)
+    wanted = args.only or PARTS
+    corners = [(name, one) for name, one in detectors.items() if _follows_corners(one)]
+    record: dict[str, Any] = {"seed": args.seed}
+
+    def keep(part: dict[str, Any]) -> None:
+        record.update(part)
+        write_json(folder / "detection.json", plain(record))  # what is done stays if the rest is cut off
+
+    tables: list[Callable[[], None]] = []
+    if "drives" in wanted:
+        suite = _drives(detectors, args)
+        keep(suite_record(suite))
+        _draw(suite, stems, folder)
+        tables.append(partial(print_suite, suite))
+    for name, one in corners if "oblique" in wanted else ():
+        oblique = _oblique(one, args)
+        total = oblique_total(list(oblique.values()))
+        told = [{"cell": cell.name, **found.record()} for cell, found in oblique.items()]
+        keep({"oblique": {**record.get("oblique", {}), name: {"all": total.record(), "cells": told}}})
+        tables.append(partial(print_oblique, name, oblique, total))
+    for name, one in corners if "heights" in wanted else ():
+        heights = _heights(one, args)
+        told = [{"cell": cell.name, "impact_known": known, **held.record()} for (cell, known), held in heights.items()]
+        keep({"heights": {**record.get("heights", {}), name: told}})
+        tables.append(partial(print_heights, name, heights))
+    if recordings:
+        with told_shares("standing recordings", f"{len(recordings)} standing recordings") as hear:
+            recorded = measure_recordings(detectors, recordings, hear)
+        keep({"standing": {name: recorded_record(one) for name, one in recorded.items()}})
+        tables.append(partial(print_recorded, recorded, len(recordings)))
+    if args.json:
+        print(json.dumps(plain(record), allow_nan=False, indent=1))
+        return 0
+    for table in tables:
+        table()
+    print(f"Figures and pictures in {shown(folder)}")
+    return 0
+
+
+def _drives(detectors: Detectors, args: argparse.Namespace) -> Suite:
+    from jaxradar.suite import grid, run_suite, variations
+
     cells = [*grid(), *variations()]
     if args.quick:
         cells = list(grid(speeds_kmh=(10.0, 30.0), heights_m=(-0.04, 0.01, 0.02, 0.03, 0.05)))
-    drives = args.drives or (40 if args.quick else 1000)
-    hours = args.hours or (0.5 if args.quick else 20.0)
-    with told_shares("driving", f"{len(cells)} cells of {drives} drives, {hours:g} hours without a step") as told:
-        suite = run_suite(detectors, cells, drives, hours, args.seed, told)
-        recorded = measure_recordings(detectors, recordings, told) if recordings else {}
-    record = plain({**suite_record(suite), "standing": {name: recorded_record(one) for name, one in recorded.items()}})
-    write_json(folder / "detection.json", record)
+    hours, count = args.hours or (0.5 if args.quick else 20.0), _count(args, 1)
+    with told_shares("driving", f"{len(cells)} cells of {count} drives, {hours:g} hours without a step") as told:
+        return run_suite(detectors, cells, count, hours, args.seed, told)
+
+
+def _oblique(detector: StepDetector[Any, Any], args: argparse.Namespace) -> dict[ObliqueCell, Oblique]:
+    from jaxradar.suite import measure_oblique, oblique_grid
+
+    cells = list(oblique_grid())[:: 6 if args.quick else 1]
+    count = _count(args, SHARE)
+    with told_shares("oblique steps", f"{len(cells)} cells of {count} drives over oblique steps") as told:
+        return {
+            cell: measure_oblique(cell, detector, count, args.seed, _hear(told, cell.name, place, len(cells), count))
+            for place, cell in enumerate(cells)
+        }
+
+
+def _heights(detector: StepDetector[Any, Any], args: argparse.Namespace) -> dict[tuple[StepCell, bool], HeightErrors]:
+    from jaxradar.suite import heights_grid, measure_heights
+
+    cells = list(heights_grid())[:: 8 if args.quick else 1]
+    count = _count(args, SHARE)
+    found: dict[tuple[StepCell, bool], HeightErrors] = {}
+    with told_shares("heights", f"{len(cells)} cells of {count} drives whose steps are measured, twice") as told:
+        for place, (cell, known) in enumerate(itertools.product(cells, (True, False))):
+            hear = _hear(told, cell.name, place, 2 * len(cells), count)
+            found[cell, known] = measure_heights(cell, None if known else detector, count, args.seed, told=hear)
+    return found
+
+
+def _hear(told: Callable[[str, float], None], name: str, place: int, of: int, count: int) -> Callable[[int], None]:
+    return lambda done: told(name, (place + done / count) / of)
+
+
+def _count(args: argparse.Namespace, share: int) -> int:
+    """Of the drives of each cell, one in so many."""
+    return max(2, (args.drives or (40 if args.quick else 1000)) // share)
+
+
+def _follows_corners(detector: StepDetector[Any, Any]) -> bool:
+    from jaxradar.systems.step.pair import corner_detector
+
+    try:
+        corner_detector(detector)
+    except ConfigError:
+        return False
+    return True
+
+
+def _draw(suite: Suite, stems: Mapping[str, str], folder: Path) -> None:
+    from jaxradar.plots.detection import plot_heights, plot_roc
+    from jaxradar.plots.style import save
+
     for name, stem in stems.items():
         save(plot_heights(suite, name), folder / f"heights-{stem}.png")
     save(plot_roc(suite), folder / "roc.png")
-    if args.json:
-        print(json.dumps(record, allow_nan=False, indent=1))
-        return 0
-    _print_quiet(suite)
-    for name in detectors:
-        _print_cells(suite, name, usual=True)
-    for name in detectors:
-        _print_cells(suite, name, usual=False)
-    if recorded:
-        _print_recorded(recorded, len(recordings))
-    print(f"Figures and pictures in {shown(folder)}")
-    return 0
 
 
 def _stems(names: Sequence[str]) -> dict[str, str]:
@@ -128,64 +213,3 @@ def _standing(paths: Sequence[str]) -> list[SensorSeries]:
     if empty:
         raise ConfigError(empty[0][1])
     return [series for log in logs for series in read_log(log).sensors]
-
-
-def _print_quiet(suite: Suite) -> None:
-    roads = list(next(iter(suite.quiet.values())))
-    hours = sum(one.hours for one in next(iter(suite.quiet.values())).values())
-    print(f"\nFalse alarms an hour, with 95 % intervals, in {hours:.1f} hours without a step")
-    rows = [
-        [name, *(_range(held[road].per_hour, 1.0, ".2g") for road in roads), f"{suite.thresholds[name]:.2f}"]
-        for name, held in suite.quiet.items()
-    ]
-    print_table(sys.stdout, ["detector", *roads, "x threshold for 1/h"], rows)
-
-
-def _print_cells(suite: Suite, detector: str, usual: bool) -> None:
-    """One row for each road and speed, or for each variation; one column for each height."""
-    held = {cell: one for cell, one in suite.cells[detector].items() if bool(cell.variation) != usual}
-    if not held:
-        return
-    print(f"\n{detector}: steps seen with 80 % of the possible lead, in %, and what at least (95 %)")
-    if usual:
-        heights = sorted({cell.height_m for cell in held})
-        rows = []
-        for road, speed in dict.fromkeys((cell.road, cell.speed_kmh) for cell in held):
-            of = {cell.height_m: one for cell, one in held.items() if (cell.road, cell.speed_kmh) == (road, speed)}
-            rows.append([f"{road}, {speed:g} km/h", *(_least(of[height].in_time) for height in heights)])
-        print_table(sys.stdout, ["", *(f"{1e3 * height:+g} mm" for height in heights)], rows)
-        return
-    rows = [[cell.name, _least(one.in_time), *_leads(one.lead_s)] for cell, one in held.items()]
-    print_table(sys.stdout, ["", "seen", "lead 5 %", "50 %", "95 %, ms"], rows)
-
-
-def _least(one: Estimate) -> str:
-    return f"{100 * one.value:.3g} ({100 * one.low:.3g})"
-
-
-def _range(one: Estimate, scale: float, form: str) -> str:
-    return f"{scale * one.value:{form}} ({scale * one.low:{form}}–{scale * one.high:{form}})"
-
-
-def _leads(leads: tuple[Estimate, ...]) -> list[str]:
-    return [f"{1e3 * one.value:.0f}" for one in leads] if leads else ["", "", ""]
-
-
-def _print_recorded(recorded: Mapping[str, Recorded], count: int) -> None:
-    rates = list(next(iter(recorded.values())).alarms)
-    seconds = next(iter(recorded.values())).seconds
-    print(f"\n{count} recordings of a car that stands: detections at their own rate and with other times")
-    columns = [f"{'own rate' if rate is None else f'{rate:g} Hz'}, {seconds[rate]:.0f} s" for rate in rates]
-    rows = [[name, *(str(one.alarms[rate]) for rate in rates)] for name, one in recorded.items()]
-    print_table(sys.stdout, ["detector", *columns], rows)
-    held = next(iter(recorded.values())).injected
-    if not held:
-        return
-    print("\nSteps put into them, found within 40 ms, in %, and what at least (95 %, each recording counted once)")
-    heights = sorted({height for _, height in held})
-    rows = [
-        [f"{name}, {rate:g} Hz", *(_least(one.injected[rate, height]) for height in heights)]
-        for name, one in recorded.items()
-        for rate in sorted({rate for rate, _ in held})
-    ]
-    print_table(sys.stdout, ["detector", *(f"{1e3 * height:g} mm" for height in heights)], rows)

@@ -51,7 +51,7 @@ class DefaultDetector(StepDetector[DefaultObservation, DefaultState]):
     level: Setting = setting(1.0, 0.0, 1e3, "", "evidence of a part over its own threshold; above this is a step")
     refractory_s: Setting = setting(0.2, 0.0, 10.0, "s", "no second detection so soon after one")
     approach: ApproachDetector | None = part(ApproachDetector)
-    shift: ShiftDetector | None = part(ShiftDetector, still_s=1.0, sudden_s=0.004, most_left=0.6)
+    shift: ShiftDetector | None = part(ShiftDetector, still_s=1.0, restless=0.4, sudden_s=0.004, most_left=0.6)
 
     def __check_init__(self) -> None:
         if self.approach is None and self.shift is None:
