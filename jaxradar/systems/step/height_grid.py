@@ -31,7 +31,7 @@ class Passage(NamedTuple):
 
     - `times_s` (sweeps,), `powers` (sweeps, cells): mean square of each range cell, counts²; `weights` (sweeps,): 0 of
       those that are left out.
-    - `rise_s`: (sweeps,) rise of the body since before the step in metres where it was measured; NaN elsewhere.
+    - `rise_m`: (sweeps,) rise of the sensor since before the step where it was measured, NaN elsewhere.
     - `passes_s` (times,): when the edge is below the sensor; `log_prior` (times,). `speed_m_s`: of the car.
     - `heights_m` (heights,), `corners` (corners,): the step's height, and the power of its corner over the road's.
     """
