@@ -202,7 +202,6 @@ def test_a_tuned_filter_beats_the_plain_difference_in_white_noise() -> None:
     ):
         detector = FilteredRateDetector(filter=weights, exponent=0.0)
         reached[name] = tune(detector, moved, held, kept, costs=costs, plan=plan).after
-    print(reached)
     assert reached["straight line"] < 0.7 * reached["plain"]
     assert reached["tuned"] < 0.8 * reached["plain"]
     assert reached["tuned"] < reached["straight line"] + 0.15

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -16,8 +16,10 @@ from hypothesis import strategies as st
 from jaxradar import ConfigError
 from jaxradar.drive import Channel, Drive, Motion, RoadStep, SensorSeries, SweepFlag, Truth
 from jaxradar.matching import MatchWindow, match_steps
-from jaxradar.systems.step import RangeRateDetector, ShiftDetector, run_batch
-from jaxradar.tuning import Costs, Examples, Plan, Space, examples_of, smooth_outcome, tune
+from jaxradar.systems.step import FilteredRateDetector, RangeRateDetector, ShiftDetector, run_batch
+from jaxradar.tuning import Costs, Examples, Plan, Space, examples_of, smooth_outcome, split, tune, uncertainty
+from jaxradar.tuning.fit import costs_of
+from jaxradar.tuning.uncertainty import _together
 
 AXIS = 0.2 + 0.01 * np.arange(40)
 
@@ -113,10 +115,23 @@ def test_examples_need_a_truth() -> None:
         examples([drive(0), dataclasses.replace(drive(1), truth=None)])
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_each_kind_of_drive_is_on_either_side(seed: int) -> None:
+    kinds = [True] * 2 + [False] * 9
+    fitted, kept = split(11, seed, kinds=kinds)
+    assert sorted([*fitted, *kept]) == list(range(11))
+    assert [sum(kinds[place] for place in side) for side in (fitted, kept)] == [1, 1]
+    assert len(kept) == 3
+    assert [len(side) for side in split(3, seed, kinds=["a", "b", "c"])] == [2, 1]
+    assert [len(side) for side in split(8, seed)] == [6, 2]
+
+
 # The loss
 
 
-def plainly(statistic: np.ndarray, valid: np.ndarray, threshold: float, temperature: float, held: Examples) -> Any:
+def plainly(
+    statistic: np.ndarray, valid: np.ndarray, threshold: float, temperature: float, held: Examples, merged: bool
+) -> Any:
     """The same by loops over sweeps, in float64."""
     logs, sweeps = statistic.shape
     missed, late, false = np.zeros(logs), np.zeros(logs), np.zeros(logs)
@@ -140,18 +155,25 @@ def plainly(statistic: np.ndarray, valid: np.ndarray, threshold: float, temperat
             seen[log] += 1.0 - quiet
         for t in range(sweeps):
             if held.false[log, t]:
-                false[log] += weight[t] * (1.0 - (weight[t - 1] if t else 0.0))
+                false[log] += weight[t] * (1.0 - (weight[t - 1] if t and merged else 0.0))
     return missed, seen, late, false
 
 
+class Merged(RangeRateDetector):
+    """As if sweeps above the threshold that follow each other were one detection."""
+
+    merged: ClassVar[bool] = True
+
+
+@pytest.mark.parametrize("kind", [RangeRateDetector, Merged])
 @pytest.mark.parametrize("temperature", [1.0, 0.1])
-def test_the_outcome_is_that_of_its_definition(temperature: float) -> None:
-    detector = RangeRateDetector(threshold_m_s=0.5)
+def test_the_outcome_is_that_of_its_definition(temperature: float, kind: Any) -> None:
+    detector = kind(threshold_m_s=0.5)
     held = examples([drive(seed, 100 + seed, steps=(0.5, 0.9)[: seed % 3], gaps=True) for seed in range(5)])
     with jax.enable_x64(True):
         decisions = jax.jit(run_batch)(detector, *held.batch)
         found = jax.jit(lambda one: smooth_outcome(one, held, temperature))(detector)
-    wanted = plainly(np.asarray(decisions.statistic), np.asarray(decisions.valid), 0.5, temperature, held)
+    wanted = plainly(np.asarray(decisions.statistic), np.asarray(decisions.valid), 0.5, temperature, held, kind.merged)
     for got, want in zip((found.missed, found.seen, found.late_s, found.false), wanted, strict=True):
         np.testing.assert_allclose(np.asarray(got), want, rtol=1e-6, atol=1e-9)  # leads are single
 
@@ -167,6 +189,7 @@ def test_it_tends_to_what_is_counted() -> None:
         hits = match_steps(np.flatnonzero(events[log]) / 100.0, one.truth.steps, speed=one.motion.speed_m_s)  # type: ignore[union-attr]
         assert float(found.missed[log]) == pytest.approx(hits.misses, abs=1e-6)
         assert float(found.seen[log]) == pytest.approx(hits.hits, abs=1e-6)
+        assert float(found.false[log]) == pytest.approx(hits.false_alarms, abs=1e-6)
     assert events.any()
 
 
@@ -226,6 +249,9 @@ def test_a_fit_finds_a_threshold_between_noise_and_step() -> None:
     assert len(found.starts) == 3
     for one in found.starts:
         assert (np.diff(one.costs) <= 0).all()
+        assert len(one.outcomes) == 3
+        assert set(one.outcomes) <= {"converged", "out of steps"}
+    assert found.starts[found.best].costs[-1] == found.after
 
 
 @pytest.mark.long
@@ -239,3 +265,58 @@ def test_a_fit_is_the_same_again() -> None:
 
 def _fit(held: Examples, kept: Examples) -> Any:
     return tune(RangeRateDetector(threshold_m_s=50.0), ("threshold_m_s",), held, kept, plan=Plan(3, logs=8, steps=12))
+
+
+def test_starts_say_how_they_ended() -> None:
+    """One step is too few to converge with; a cost that is no number is told, and the fit goes on from the others."""
+    held, kept = (examples([drive(seed, steps=(0.7,)[: seed % 2]) for seed in range(low, low + 8)]) for low in (0, 100))
+    plan = Plan(2, candidates=4, temperatures=(0.1,), logs=8, steps=1)
+    short = tune(RangeRateDetector(threshold_m_s=50.0), ("threshold_m_s",), held, kept, plan=plan)
+    assert "out of steps" in {one.outcomes[-1] for one in short.starts}
+    broken = held._replace(hours=np.full_like(held.hours, np.nan))
+    found = tune(RangeRateDetector(threshold_m_s=50.0), ("threshold_m_s",), broken, kept, plan=plan)
+    assert {one.outcomes for one in found.starts} == {("not finite",)}
+    assert found.after <= found.before  # where they began
+    with pytest.raises(ConfigError, match="no start has a finite cost"):
+        tune(RangeRateDetector(), ("threshold_m_s",), held, kept._replace(hours=broken.hours), plan=plan)
+
+
+def test_all_drives_at_once_or_in_parts_cost_the_same() -> None:
+    held = examples([drive(seed, steps=(0.7,)[: seed % 2], noise=100.0) for seed in range(7)])
+    detector = RangeRateDetector(threshold_m_s=0.5)
+    space = Space.of(detector, ("threshold_m_s",))
+    vectors = space.vector(detector) + np.array([[0.0], [1.0]])
+    whole = [
+        float(smooth_outcome(space.detector(detector, one), held, 0.1).cost(held.hours, Costs())) for one in vectors
+    ]
+    for part in (7, 3, 1, 10):
+        found = costs_of(space, detector, Costs(), held, 0.1, vectors, part)
+        np.testing.assert_allclose(found, whole, rtol=1e-4)
+
+
+def test_settings_that_go_together_are_named() -> None:
+    """Two in whose sum alone the cost curves; one by itself; one without any slope."""
+    random = np.random.default_rng(0)
+    drawn = random.normal(size=(200, 3))
+    scatter = (drawn @ np.diag([1.0, 1.0, 1.0])).T @ drawn
+    total = np.array([1.0, 1.0, 0.0])
+    curvature = np.zeros((4, 4))
+    curvature[:3, :3] = 400.0 * (np.outer(total, total) + np.diag([0.0, 0.0, 1.0]))
+    full = np.zeros((4, 4))
+    full[:3, :3] = scatter
+    values, directions = np.linalg.eigh(curvature)
+    firm = values > 1e-3 * values.max()
+    inverse = (directions[:, firm] / values[firm]) @ directions[:, firm].T
+    found = _together(curvature, full, inverse @ full @ inverse, directions[:, ~firm])
+    assert found == [(1,), (0,), (), ()]
+
+
+@pytest.mark.long
+def test_a_filter_s_scale_is_told_as_a_combination() -> None:
+    """Of the template of a matched filter only the shape says something: its values go together."""
+    held = examples([drive(seed, 80, steps=(0.5,)[: seed % 2], noise=300.0) for seed in range(12)])
+    detector = FilteredRateDetector(threshold_m_s=1.0, peak="matched filter", template=(1.0, 1.0, 1.0))
+    tuned = tune(detector, ("template",), held, held, plan=Plan(1, candidates=1, steps=3, temperatures=(0.3,), logs=12))
+    found = uncertainty(tuned, detector, held, temperature=0.3)
+    assert not any(one.determined for one in found)
+    assert any(one.together for one in found)

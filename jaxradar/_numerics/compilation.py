@@ -61,7 +61,8 @@ def compiled_filtered(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.cache
     def program() -> Any:
-        return eqx.filter_jit(function, compiler_options=compiler_options())
+        # Options of `jax.jit` pass through, which the overloads do not say.
+        return eqx.filter_jit(function, compiler_options=compiler_options())  # type: ignore[call-overload]
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:

@@ -72,22 +72,24 @@ def add_to(commands: Any) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     from jaxradar.systems.step import DetectorFile, dump_detector, load_detector
-    from jaxradar.tuning import Costs, Plan, examples_of, split, tune, uncertainty
+    from jaxradar.tuning import Costs, Plan, Space, examples_of, split, tune, uncertainty
 
     if not args.output.endswith(".toml"):
         raise ConfigError(f"--output {shown(args.output)} must end with .toml.")
     spare_logs("--output", args.output, args.paths)
     file = load_detector(args.detector)
     names = _settings(args.settings, file.detector.name)
+    Space.of(file.detector, names)  # before minutes of reading
     costs = Costs(args.missed, args.false_alarm, args.late)
     folder = ready_folder(args.report, "--report")
     drives = _read(args)
-    fitted_to, kept = split(len(drives), args.seed)
+    holds_step = [drive.truth is not None and bool(drive.truth.steps) for drive, _ in drives]
+    fitted_to, kept = split(len(drives), args.seed, kinds=holds_step)
     examples, validation = (examples_of([drives[place] for place in places]) for places in (fitted_to, kept))
     for what, held in (("to fit to", examples), ("kept for validation", validation)):
         if not held.real.any():
             raise ConfigError(
-                f"there is no step in the {held.logs} drives {what}; bring more with steps, or give another --seed."
+                f"there is no step to be seen in the {held.logs} drives {what}; bring more drives with steps."
             )
     plan = Plan(starts=args.starts, steps=args.steps, seed=args.seed)
     if not sys.stderr.isatty():

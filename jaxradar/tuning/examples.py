@@ -76,11 +76,23 @@ def examples_of(drives: Sequence[tuple[Drive, SensorSeries]], window: MatchWindo
     return Examples(batch, inside, lead, real, false, hours)
 
 
-def split(count: int, seed: int = 0, share: float = 0.25) -> tuple[np.ndarray, np.ndarray]:
+def split(
+    count: int, seed: int = 0, share: float = 0.25, kinds: Sequence[object] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Places of so many drives, drawn: those to fit to, and the `share` kept for validation, one at least of each.
-    Raises `ValueError` for fewer than two drives."""
+
+    `kinds`: of each drive, whether it holds a step for example; each kind is shared out by itself, so that one of two
+    drives of a kind is on either side. Raises `ValueError` for fewer than two drives.
+    """
     if count < 2:
         raise ValueError(f"`split` needs two drives; got {count}.")
-    order = np.random.default_rng(seed).permutation(count)
-    kept = min(max(1, round(share * count)), count - 1)
-    return np.sort(order[kept:]), np.sort(order[:kept])
+    random = np.random.default_rng(seed)
+    order = random.permutation(count)
+    if kinds is None:
+        kept = order[: min(max(1, round(share * count)), count - 1)]
+    else:
+        drawn = [[place for place in order if kinds[place] == kind] for kind in dict.fromkeys(kinds)]
+        sizes = [min(max(1, round(share * len(one))), len(one) - 1) for one in drawn]
+        kept = np.array([place for one, size in zip(drawn, sizes, strict=True) for place in one[:size]], np.int64)
+        kept = kept if kept.size else order[:1]
+    return np.setdiff1d(order, kept), np.sort(kept)

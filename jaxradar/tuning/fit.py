@@ -159,7 +159,8 @@ def costs_of(
         shares = [_sums(space, detector, examples.pick(one % examples.logs), *arguments) for one in places]
         # What fills up the last part was counted before.
         sums = np.concatenate([np.asarray(one, np.float64) for one in shares], axis=-1)[..., : examples.logs].sum(-1)
-    found = costs.total(*sums.T, float(np.sum(examples.real)), float(np.sum(examples.hours)))
+    missed, late_s, false = sums.T
+    found = costs.total(missed, late_s, false, float(np.sum(examples.real)), float(np.sum(examples.hours)))
     return np.asarray(found, np.float64)
 
 

@@ -64,8 +64,8 @@ class Outcome(eqx.Module):
     def cost(self, hours: Float[Array | np.ndarray, " logs"], costs: Costs) -> Scalar:
         """Of all logs together: misses and lateness a step, false alarms an hour."""
         steps = jnp.sum(self.missed + self.seen)
-        sums = (jnp.sum(one) for one in (self.missed, self.late_s, self.false))
-        return jnp.asarray(costs.total(*sums, steps, jnp.sum(jnp.asarray(hours))))
+        missed, late_s, false = (jnp.sum(one) for one in (self.missed, self.late_s, self.false))
+        return jnp.asarray(costs.total(missed, late_s, false, steps, jnp.sum(jnp.asarray(hours))))
 
 
 def smooth_outcome(detector: StepDetector[Any, Any], examples: Examples, temperature: Setting) -> Outcome:
