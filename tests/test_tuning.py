@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from jaxradar import ConfigError
 from jaxradar.drive import Channel, Drive, Motion, RoadStep, SensorSeries, SweepFlag, Truth
 from jaxradar.matching import MatchWindow, match_steps
-from jaxradar.systems.step import FilteredRateDetector, RangeRateDetector, ShiftDetector, run_batch
-from jaxradar.tuning import Costs, Examples, Plan, Space, examples_of, smooth_outcome, split, tune, uncertainty
+from jaxradar.systems.step import RangeRateDetector, ShiftDetector, run_batch
+from jaxradar.tuning import Costs, Examples, Plan, Space, examples_of, smooth_outcome, split, tune
 from jaxradar.tuning.fit import costs_of
 from jaxradar.tuning.uncertainty import _together
 
@@ -309,14 +309,3 @@ def test_settings_that_go_together_are_named() -> None:
     inverse = (directions[:, firm] / values[firm]) @ directions[:, firm].T
     found = _together(curvature, full, inverse @ full @ inverse, directions[:, ~firm])
     assert found == [(1,), (0,), (), ()]
-
-
-@pytest.mark.long
-def test_a_filter_s_scale_is_told_as_a_combination() -> None:
-    """Of the template of a matched filter only the shape says something: its values go together."""
-    held = examples([drive(seed, 80, steps=(0.5,)[: seed % 2], noise=300.0) for seed in range(12)])
-    detector = FilteredRateDetector(threshold_m_s=1.0, peak="matched filter", template=(1.0, 1.0, 1.0))
-    tuned = tune(detector, ("template",), held, held, plan=Plan(1, candidates=1, steps=3, temperatures=(0.3,), logs=12))
-    found = uncertainty(tuned, detector, held, temperature=0.3)
-    assert not any(one.determined for one in found)
-    assert any(one.together for one in found)
