@@ -7,6 +7,7 @@ from jaxradar.systems.step.default import DefaultDetector
 from jaxradar.systems.step.files import DETECTORS, DetectorFile, dump_detector, load_detector
 from jaxradar.systems.step.lab_live import LabLiveDetector
 from jaxradar.systems.step.lanes import detect_series
+from jaxradar.systems.step.motion import motion_at, stack_motion
 from jaxradar.systems.step.pipeline import (
     detect,
     event_weights,
@@ -44,10 +45,12 @@ __all__ = [
     "dump_detector",
     "event_weights",
     "load_detector",
+    "motion_at",
     "precision",
     "run",
     "run_batch",
     "stack",
+    "stack_motion",
     "thin",
     "time_steps",
 ]
