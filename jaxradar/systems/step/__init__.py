@@ -5,6 +5,7 @@ from jaxradar.systems.step.batch import detect_batch
 from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector
 from jaxradar.systems.step.default import DefaultDetector
 from jaxradar.systems.step.files import DETECTORS, DetectorFile, dump_detector, load_detector
+from jaxradar.systems.step.innovation import InnovationDetector
 from jaxradar.systems.step.lab_live import LabLiveDetector
 from jaxradar.systems.step.lanes import detect_series
 from jaxradar.systems.step.motion import motion_at, stack_motion
@@ -29,6 +30,7 @@ __all__ = [
     "Decision",
     "DefaultDetector",
     "DetectorFile",
+    "InnovationDetector",
     "LabLiveDetector",
     "MotionSample",
     "RangeAxis",
