@@ -68,6 +68,10 @@ class InnovationDetector(StepDetector[SweepPeak, InnovationState]):
 
     `test = "cusum"`: the larger of two sums, S = max(0, S ± z − `reference`); `test = "glr"`: the largest
     |sum of the last k|/√k, k up to `window`. After a detection sums and filter begin anew, at the range then.
+
+    For a car that stands. Where it drives, the echo below the sensor moves when it is over the step, which is too late,
+    and speckle moves it in every sweep: on simulated roads, 64 drives a cell at 10 to 40 km/h, steps of -20 to 30 mm
+    were seen in time by 0 % at a threshold of one false alarm an hour, and `DefaultDetector` gains nothing by it.
     """
 
     name: ClassVar[str] = "innovation"
