@@ -87,7 +87,7 @@ class InnovationDetector(StepDetector[SweepPeak, InnovationState]):
     moving_noise_m: Setting = setting(0.03, 1e-6, 1.0, "m", "and of one whose speckle is another one than before")
     creep_m_s: Setting = setting(0.02, 0.0, 100.0, "m/s", "so it is where the car is known to be faster than this")
     look_m: Setting = setting(0.07, 1e-4, 1.0, "m", "the road's speckle is another one after so much of the way")
-    heave_m2_s3: Setting = setting(0.1, 0.0, 1e4, "m²/s³", "power density of the body's acceleration, not known")
+    heave_m2_s3: Setting = setting(0.05, 0.0, 1e4, "m²/s³", "power density of the body's acceleration, not known")
     known_m2_s3: Setting = setting(0.1, 0.0, 1e4, "m²/s³", "and of its error where it is known")
     lift: Setting = setting(1.0, -10.0, 10.0, "", "how far the range grows for a metre that the body rises")
     scale_s: Setting = setting(0.5, 1e-3, 100.0, "s", "time constant of the running scale of the innovations")
