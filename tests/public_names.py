@@ -110,8 +110,10 @@ NOT_NUMERIC: dict[str, str] = {
     "systems.step.detect_series": HOST + "; what it compiles is `run_batch`'s blocks: test_step_lanes.py",
     "systems.step.dump_detector": "writes a file",
     "systems.step.load_detector": "reads a file",
+    "systems.step.motion_at": HOST + ": test_step_motion.py",
     "systems.step.precision": "a context",
     "systems.step.stack": HOST,
+    "systems.step.stack_motion": HOST,
     "systems.step.thin": HOST,
     "systems.step.time_steps": HOST,
 }

@@ -42,6 +42,7 @@ def test_every_public_function_is_in_the_table_or_has_a_reason() -> None:
 
 # By properties rather than by a table of inputs.
 OTHERWISE_TESTED = {
+    "systems.step.InnovationDetector": "test_step_innovation.py",
     "systems.step.detect_batch": "test_stability_properties.py",
 }
 

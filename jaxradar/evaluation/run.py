@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar.cluster import Cluster, Here, LostError, cluster_of
-from jaxradar.drive import NANOSECONDS, Channel, Drive, SensorSeries, Truth
+from jaxradar.drive import NANOSECONDS, Channel, Drive, Motion, SensorSeries, Truth
 from jaxradar.evaluation.picture import picture_of
 from jaxradar.evaluation.records import Drawn, Events, Failure, SeriesResult
 from jaxradar.evaluation.selection import Part, Selection, Settings
@@ -52,7 +52,7 @@ class _Logs:
         self._ready: dict[int, SeriesResult | Failure] = {}
         self._given = 0
 
-    def series(self) -> Iterator[SensorSeries]:
+    def series(self) -> Iterator[tuple[SensorSeries, Motion]]:
         number = place = 0
         for path in self._paths:
             try:
@@ -67,7 +67,7 @@ class _Logs:
                 reading = _Reading(number, path, kept, part, drive.truth, drive.motion.speed_m_s, drive.problems)
                 self._under_way[place] = reading
                 number, place = number + 1, place + 1
-                yield part.series
+                yield part.series, drive.motion
 
     def done(self, place: int, found: dict[str, Any]) -> None:
         reading = self._under_way.pop(place)

@@ -15,7 +15,7 @@ from jaxradar.drive import Drive
 from jaxradar.matching import MatchWindow, match_steps, speed_at
 from jaxradar.sim import RoadScene, held_out_seeds, simulate_each
 from jaxradar.suite.scenes import Negative, StepCell, lead_allowed_s
-from jaxradar.systems.step import StepDetector, detect_batch, stack
+from jaxradar.systems.step import MotionSample, StepDetector, SweepBatch, detect_batch, stack, stack_motion
 
 __all__ = ["Found", "Quiet", "measure_negative", "measure_step", "threshold_at"]
 
@@ -74,9 +74,10 @@ def measure_step(
     done = 0
     for drives in _batches(cell.name, cell.scenes, count, seed, seeds):
         scenes, made = zip(*drives, strict=True)
-        batch = stack([drive.sensors[0] for drive in made])
+        batch, motion = _stacked(made, detectors)
         for name, detector in detectors.items():
-            found = {key: np.asarray(one) for key, one in detect_batch(detector, *batch, fields=FIELDS).items()}
+            decided = detect_batch(detector, *batch, fields=FIELDS, motion=motion)
+            found = {key: np.asarray(one) for key, one in decided.items()}
             parts[name].append(_found(found, scenes, made, float(cell.height_m)))
         done += len(made)
         told(done)
@@ -97,12 +98,13 @@ def measure_negative(
     done, hours = 0, 0.0
     for drives in _batches(negative.name, negative.scenes, count, seed, seeds):
         made = [drive for _, drive in drives]
-        batch = stack([drive.sensors[0] for drive in made])
+        batch, motion = _stacked(made, detectors)
         times = _times(made)
         settled = times >= SETTLED_S
         block = np.where(settled, (np.where(settled, times - SETTLED_S, 0.0) / BLOCK_S).astype(int), -1)
         for name, detector in detectors.items():
-            found = {key: np.asarray(one) for key, one in detect_batch(detector, *batch, fields=FIELDS[:2]).items()}
+            decided = detect_batch(detector, *batch, fields=FIELDS[:2], motion=motion)
+            found = {key: np.asarray(one) for key, one in decided.items()}
             events[name] += int(found["event"].sum())
             with_any[name] += int(found["event"].any(axis=1).sum())
             of_block = [
@@ -128,6 +130,13 @@ def _batches(
     drives = zip(scenes, simulate_each(scenes, drawn[:-1]), strict=True)
     while held := list(islice(drives, TOGETHER)):
         yield held
+
+
+def _stacked(drives: Sequence[Drive], detectors: Detectors) -> tuple[SweepBatch, MotionSample | None]:
+    """The first sensor of each drive, and its motion if any of the detectors uses that."""
+    series = [drive.sensors[0] for drive in drives]
+    moves = any(one.uses_motion for one in detectors.values())
+    return stack(series), stack_motion(series, [drive.motion for drive in drives]) if moves else None
 
 
 def _times(drives: Sequence[Drive]) -> np.ndarray:

@@ -8,8 +8,10 @@ from jaxradar.systems.step.files import DETECTORS, DetectorFile, dump_detector, 
 from jaxradar.systems.step.filtered_rate import FilteredRateDetector
 from jaxradar.systems.step.ground import Beam, Ground
 from jaxradar.systems.step.height import HeightFinder, StepHeight, step_height, step_heights
+from jaxradar.systems.step.innovation import InnovationDetector
 from jaxradar.systems.step.lab_live import LabLiveDetector
 from jaxradar.systems.step.lanes import detect_series
+from jaxradar.systems.step.motion import motion_at, stack_motion
 from jaxradar.systems.step.mounting import Calibration, calibrate
 from jaxradar.systems.step.pair import PairEvent, SensorPair, detect_pair, pair_events
 from jaxradar.systems.step.pipeline import (
@@ -38,6 +40,7 @@ __all__ = [
     "FilteredRateDetector",
     "Ground",
     "HeightFinder",
+    "InnovationDetector",
     "LabLiveDetector",
     "MotionSample",
     "PairEvent",
@@ -59,11 +62,13 @@ __all__ = [
     "dump_detector",
     "event_weights",
     "load_detector",
+    "motion_at",
     "pair_events",
     "precision",
     "run",
     "run_batch",
     "stack",
+    "stack_motion",
     "step_height",
     "step_heights",
     "thin",

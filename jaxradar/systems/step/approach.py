@@ -170,6 +170,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         sweeps: BlockSweeps,
         flags: UInt[Array, "logs sweeps"],
         dt: Float[Array, "logs sweeps"],
+        motion: MotionSample | None = None,
     ) -> tuple[ApproachState, Decision]:
         # All logs side by side as the last axis, not by `vmap`, which would put them first wherever rows are picked;
         # and stage by stage, as the compiler works out again in each loop what several loops are made of.

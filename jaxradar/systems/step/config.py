@@ -75,15 +75,20 @@ class RangeAxis(eqx.Module):
         return jnp.sum((values[: count * bins] / bins).reshape(count, bins), axis=1)
 
 
-class MotionSample(eqx.Module):
-    """The car's motion at one sweep, each quantity with a flag that says whether it is known."""
+Numbers = Float[Array | np.ndarray, "*sweeps"]
+Truths = Bool[Array | np.ndarray, "*sweeps"]
 
-    acceleration_m_s2: Scalar
-    yaw_rate_rad_s: Scalar
-    speed_m_s: Scalar
-    acceleration_known: Flag
-    yaw_rate_known: Flag
-    speed_known: Flag
+
+class MotionSample(eqx.Module):
+    """The car's motion at one sweep, or at many, each quantity with a flag that says whether it is known, and 0 where
+    it is not. Acceleration is the body's vertical one, speed is positive forwards, yaw rate to the left."""
+
+    acceleration_m_s2: Numbers
+    yaw_rate_rad_s: Numbers
+    speed_m_s: Numbers
+    acceleration_known: Truths
+    yaw_rate_known: Truths
+    speed_known: Truths
 
 
 class Decision(eqx.Module):
@@ -130,6 +135,7 @@ class StepDetector(Settings, Generic[Observed, State]):
     `theory`: what its class method `from_false_alarm_rate` derives the threshold from; empty of one without.
     `sequential`: whether `follow` goes through time step by step, and so wants many logs side by side.
     `merged`: whether sweeps above the threshold that follow each other are one detection.
+    `uses_motion`: whether it looks at the car's motion; where not, none is resampled nor handed to it.
     """
 
     name: ClassVar[str]
@@ -139,6 +145,7 @@ class StepDetector(Settings, Generic[Observed, State]):
     theory: ClassVar[str] = ""
     sequential: ClassVar[bool] = True
     merged: ClassVar[bool] = True
+    uses_motion: ClassVar[bool] = False
 
     @property
     @abc.abstractmethod
@@ -170,22 +177,29 @@ class StepDetector(Settings, Generic[Observed, State]):
         sweeps: BlockSweeps,
         flags: UInt[Array, "logs sweeps"],
         dt: Float[Array, "logs sweeps"],
+        motion: MotionSample | None = None,
     ) -> tuple[State, Decision]:
         """`observe` and `track` over a block: a state for each log, decisions of shape (logs, sweeps).
 
-        `sweeps()` cuts the block out of the batch where it is read, so that it is not copied first. A detector may
-        write this otherwise where that is faster, with the same decisions.
+        `sweeps()` cuts the block out of the batch where it is read, so that it is not copied first. `motion`: fields of
+        shape (logs, sweeps), None where none is known. A detector may write this otherwise where that is faster, with
+        the same decisions.
         """
         observations = each_sweep(partial(self.observe, axis))(sweeps(), flags)
-        return self.scan(axis, state, observations, dt)
+        return self.scan(axis, state, observations, dt, motion)
 
     def scan(
-        self, axis: RangeAxis, state: State, observations: Observed, dt: Float[Array, "logs sweeps"]
+        self,
+        axis: RangeAxis,
+        state: State,
+        observations: Observed,
+        dt: Float[Array, "logs sweeps"],
+        motion: MotionSample | None = None,
     ) -> tuple[State, Decision]:
         """`track` over observations of shape (logs, sweeps), one after the other."""
 
-        def step(state: State, inputs: tuple[Observed, Scalar]) -> tuple[State, Decision]:
-            observation, elapsed = inputs
-            return self.track(axis, state, observation, None, elapsed)
+        def step(state: State, inputs: tuple[Observed, Scalar, MotionSample | None]) -> tuple[State, Decision]:
+            observation, elapsed, moved = inputs
+            return self.track(axis, state, observation, moved, elapsed)
 
-        return jax.vmap(lambda *one: jax.lax.scan(step, one[0], one[1:]))(state, observations, dt)
+        return jax.vmap(lambda *one: jax.lax.scan(step, one[0], one[1:]))(state, observations, dt, motion)

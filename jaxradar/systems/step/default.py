@@ -101,10 +101,11 @@ class DefaultDetector(StepDetector[DefaultObservation, DefaultState]):
         sweeps: BlockSweeps,
         flags: UInt[Array, "logs sweeps"],
         dt: Float[Array, "logs sweeps"],
+        motion: MotionSample | None = None,
     ) -> tuple[DefaultState, Decision]:
         held, found = {}, []
         for name, one in self._parts():
-            held[name], decision = one.follow(axis, getattr(state, name), sweeps, flags, dt)
+            held[name], decision = one.follow(axis, getattr(state, name), sweeps, flags, dt, motion)
             found.append(decision)
         combine = jax.vmap(lambda quiet, decisions, elapsed: self._combined(decisions, quiet, elapsed))
         by_step = jax.tree.map(jnp.transpose, (found, dt))

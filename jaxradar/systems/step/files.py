@@ -36,6 +36,7 @@ from jaxradar.systems.step.approach import ApproachDetector
 from jaxradar.systems.step.config import StepDetector
 from jaxradar.systems.step.default import DefaultDetector
 from jaxradar.systems.step.filtered_rate import FilteredRateDetector
+from jaxradar.systems.step.innovation import InnovationDetector
 from jaxradar.systems.step.lab_live import LabLiveDetector
 from jaxradar.systems.step.range_rate import RangeRateDetector
 from jaxradar.systems.step.shift import ShiftDetector
@@ -53,6 +54,7 @@ DETECTORS: dict[str, type[StepDetector[Any, Any]]] = {
         FilteredRateDetector,
         ShiftDetector,
         ApproachDetector,
+        InnovationDetector,
         DefaultDetector,
     )
 }

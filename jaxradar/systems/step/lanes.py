@@ -14,7 +14,7 @@ import dataclasses
 import queue
 import threading
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,11 +22,12 @@ import numpy as np
 
 from jaxradar._machine import allow_open_files, cores
 from jaxradar._numerics import compiled
-from jaxradar.drive import SensorSeries
+from jaxradar.drive import Motion, SensorSeries
 from jaxradar.drivefile.layout import is_mapped
 from jaxradar.systems.step.blocks import advance, check_fields, initial
-from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
-from jaxradar.systems.step.pipeline import precision, time_steps
+from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector
+from jaxradar.systems.step.motion import motion_at, no_motion, put_motion
+from jaxradar.systems.step.pipeline import as_program, precision, time_steps
 from jaxradar.systems.step.stack import aligned
 
 __all__ = ["detect_series"]
@@ -49,10 +50,11 @@ Fields = tuple[str, ...]
 
 def detect_series(
     detector: StepDetector[Any, Any],
-    series: Iterable[SensorSeries],
+    series: Iterable[SensorSeries | tuple[SensorSeries, Motion]],
     fields: Fields = ("range_m", "speed_m_s", "valid", "event"),
 ) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
     """Those `fields` of the `Decision`s on each series, each (sweeps,), with the place of the series among all.
+    A series may come with the motion of its drive, for a detector that uses it.
 
     They come in the order in which they end, which is not that of the series. Series of one range axis share lanes,
     so a mixture is gone through axis by axis as far as the look-ahead reaches; what lies in memory maps is read as it
@@ -100,12 +102,20 @@ def _devices(detector: StepDetector[Any, Any]) -> list[jax.Device]:
     return devices * (cores() if detector.sequential else 1)
 
 
+class _Waiting(NamedTuple):
+    """A series to come, with its place among all and the motion of its drive."""
+
+    place: int
+    series: SensorSeries
+    motion: Motion
+
+
 class _Feed:
     """The series to come, each with its place, picked by their range axis."""
 
-    def __init__(self, series: Iterable[SensorSeries]) -> None:
-        self._source = enumerate(series)
-        self._waiting: dict[Any, list[tuple[int, SensorSeries]]] = {}
+    def __init__(self, series: Iterable[SensorSeries | tuple[SensorSeries, Motion]]) -> None:
+        self._source = enumerate(one if isinstance(one, tuple) else (one, Motion()) for one in series)
+        self._waiting: dict[Any, list[_Waiting]] = {}
         self._count = self._bytes = self._read = 0
         self._lock = threading.Lock()
         self._ended = self.stopped = False
@@ -117,26 +127,26 @@ class _Feed:
         with self._lock:
             self._waiting.clear()
 
-    def take(self, axis: Any) -> tuple[Any, int, SensorSeries] | None:
+    def take(self, axis: Any) -> tuple[Any, _Waiting] | None:
         """The next with this axis; with None the next of the axis of who waits longest. None if there is none, or if
         another axis has waited too long."""
         with self._lock:
             self._look_ahead()
             if self._waiting:
-                longest = min(self._waiting, key=lambda one: self._waiting[one][0][0])
+                longest = min(self._waiting, key=lambda one: self._waiting[one][0].place)
                 if axis is None:
                     axis = longest
-                elif axis != longest and self._read - self._waiting[longest][0][0] > LONGEST_WAIT:
+                elif axis != longest and self._read - self._waiting[longest][0].place > LONGEST_WAIT:
                     return None
             held = self._waiting.get(axis)
             if not held:
                 return None
-            place, series = held.pop(0)
+            one = held.pop(0)
             if not held:
                 del self._waiting[axis]
             self._count -= 1
-            self._bytes -= _bytes_in_memory(series)
-            return axis, place, series
+            self._bytes -= _bytes_in_memory(one.series)
+            return axis, one
 
     def waiting(self, axis: Any) -> int:
         """How many with this axis are known to come."""
@@ -152,11 +162,12 @@ class _Feed:
             if item is None:
                 self._ended = True
                 return
-            axis = (item[1].sweeps.dtype.str, item[1].range_m.tobytes())
-            self._waiting.setdefault(axis, []).append(item)
+            place, (series, motion) = item
+            axis = (series.sweeps.dtype.str, series.range_m.tobytes())
+            self._waiting.setdefault(axis, []).append(_Waiting(place, series, motion))
             self._count += 1
             self._read += 1
-            self._bytes += _bytes_in_memory(item[1])
+            self._bytes += _bytes_in_memory(series)
 
 
 def _bytes_in_memory(series: SensorSeries) -> int:
@@ -171,6 +182,7 @@ class _Lane:
     place: int
     series: SensorSeries
     dt: np.ndarray
+    motion: MotionSample | None
     found: dict[str, np.ndarray]
     read: int = 0
 
@@ -182,12 +194,13 @@ Share = tuple[int, _Lane, int, int]
 class _Chunk:
     """The arrays of one chunk, read by the program where they lie."""
 
-    def __init__(self, lanes: int, sweeps: int, bins: int, dtype: np.dtype) -> None:
+    def __init__(self, lanes: int, sweeps: int, bins: int, dtype: np.dtype, moves: bool) -> None:
         self.sweeps = aligned((lanes, sweeps, bins), dtype)
         self.flags = aligned((lanes, sweeps), np.dtype(np.uint16))
         self.dt = aligned((lanes, sweeps), np.dtype(np.float64))
         self.lengths = np.zeros(lanes, np.int32)
         self.fresh = np.zeros(lanes, bool)
+        self.motion = no_motion((lanes, sweeps)) if moves else None
         self.shares: list[Share] = []
 
 
@@ -214,16 +227,17 @@ class _Lanes:
         except BaseException as error:  # handed to who waits for the results
             self.done.put(error)
 
-    def _one_axis(self, first: tuple[Any, int, SensorSeries]) -> None:
+    def _one_axis(self, first: tuple[Any, _Waiting]) -> None:
         """All series of one range axis, until none of it waits any more."""
-        key, _, series = first
+        key, series = first[0], first[1].series
         axis = RangeAxis.of(series.range_m)
         row_bytes = axis.bins * series.sweeps.dtype.itemsize
         lanes, sweeps = _chunk_shape(self.detector, row_bytes, self.device.platform, 1 + self.feed.waiting(key))
-        chunks = [_Chunk(lanes, sweeps, axis.bins, series.sweeps.dtype) for _ in range(2)]
+        moves = self.detector.uses_motion
+        chunks = [_Chunk(lanes, sweeps, axis.bins, series.sweeps.dtype, moves) for _ in range(2)]
         state = _start(self.detector, axis, lanes)
         held: list[_Lane | None] = [None] * lanes
-        next_one: tuple[Any, int, SensorSeries] | None = first
+        next_one: tuple[Any, _Waiting] | None = first
         running: tuple[_Chunk, dict[str, Any]] | None = None
         turn = 0
         while True:
@@ -234,10 +248,10 @@ class _Lanes:
                     next_one = None
                     if taken is None:
                         break
-                    held[lane] = self._begin(taken[1], taken[2])
+                    held[lane] = self._begin(taken[1])
             self._fill(chunk, held, sweeps)
             if chunk.shares:
-                inputs = (chunk.fresh, chunk.sweeps, chunk.flags, chunk.dt, chunk.lengths)
+                inputs = (chunk.fresh, chunk.sweeps, chunk.flags, chunk.dt, chunk.lengths, chunk.motion)
                 with contextlib.nullcontext() if turn else _first_call:
                     state, found = _advance(self.fields, self.detector, axis, state, *inputs)
             if running is not None:
@@ -247,12 +261,14 @@ class _Lanes:
             running = (chunk, found)
             turn += 1
 
-    def _begin(self, place: int, series: SensorSeries) -> _Lane | None:
+    def _begin(self, waiting: _Waiting) -> _Lane | None:
+        place, series, motion = waiting
         if not len(series):
             kind = {name: bool if name in _FLAGS else jnp.result_type(float) for name in self.fields}
             self.done.put((place, {name: np.empty(0, dtype) for name, dtype in kind.items()}))
             return None
-        return _Lane(place, series, time_steps(series.times_ns), {})
+        moved = motion_at(motion, series.times_ns) if self.detector.uses_motion else None
+        return _Lane(place, series, time_steps(series.times_ns), moved, {})
 
     @staticmethod
     def _fill(chunk: _Chunk, held: list[_Lane | None], sweeps: int) -> None:
@@ -267,6 +283,8 @@ class _Lanes:
             chunk.sweeps[at, :count] = lane.series.sweeps[part]
             chunk.flags[at, :count] = lane.series.flags[part]
             chunk.dt[at, :count] = lane.dt[part]
+            if chunk.motion is not None and lane.motion is not None:
+                put_motion(chunk.motion, at, lane.motion, lane.read, count)
             chunk.lengths[at] = count
             chunk.fresh[at] = lane.read == 0
             chunk.shares.append((at, lane, lane.read, count))
@@ -308,14 +326,15 @@ def _start(detector: StepDetector[Any, Any], axis: RangeAxis, lanes: int) -> Any
 
 
 def _advance_fields(fields: Fields, detector: StepDetector[Any, Any], axis: RangeAxis, state: Any, *inputs: Any) -> Any:
-    fresh, sweeps, flags, dt, lengths = inputs
+    fresh, sweeps, flags, dt, lengths, motion = inputs
 
     def pick(decisions: Decision) -> dict[str, Any]:
         return {name: getattr(decisions, name) for name in fields}
 
     anew = initial(detector, axis, len(fresh))
     state = jax.tree.map(lambda new, old: jnp.where(fresh.reshape(-1, *[1] * (old.ndim - 1)), new, old), anew, state)
-    return advance(detector, axis, pick, state, sweeps, flags, dt.astype(jnp.result_type(float)), lengths)
+    dt, motion = jax.tree.map(as_program, (dt, motion))
+    return advance(detector, axis, pick, state, sweeps, flags, dt, lengths, motion=motion)
 
 
 _advance = compiled(_advance_fields, static_argnums=0)

@@ -17,10 +17,12 @@ from jaxradar._numerics import compiled, soft_exceeds
 from jaxradar._types import Setting
 from jaxradar.drive import NANOSECONDS, Motion, SensorSeries, SweepFlag
 from jaxradar.systems.step.blocks import check_shapes, in_blocks
-from jaxradar.systems.step.config import Decision, RangeAxis, StepDetector
+from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector
+from jaxradar.systems.step.motion import check_motion, motion_at, no_motion, put_motion
 from jaxradar.systems.step.result import StepEvent, StepTrace
 
 __all__ = [
+    "as_program",
     "detect",
     "event_weights",
     "precision",
@@ -50,12 +52,14 @@ def run(
     sweeps: Shaped[Array | np.ndarray, "sweeps bins"],
     flags: UInt[Array | np.ndarray, " sweeps"],
     dt: Float[Array | np.ndarray, " sweeps"],
+    motion: MotionSample | None = None,
 ) -> Decision:
     """All decisions on one series, each field of shape (sweeps,): pure, to be jit-compiled and differentiated.
 
-    `dt` as from `time_steps`. Call it inside `precision(detector)`.
+    `dt` as from `time_steps`, `motion` as from `motion_at`. Call it inside `precision(detector)`.
     """
-    one = run_batch(detector, axis, sweeps[None], flags[None], dt[None], np.array([len(flags)]))
+    moved = jax.tree.map(lambda field: field[None], motion)
+    one = run_batch(detector, axis, sweeps[None], flags[None], dt[None], np.array([len(flags)]), motion=moved)
     return jax.tree.map(lambda field: field[0], one)
 
 
@@ -67,12 +71,14 @@ def run_batch(
     dt: Float[Array | np.ndarray, "logs sweeps"],
     lengths: Int[Array | np.ndarray, " logs"],
     pick: Callable[[Decision], Any] = lambda decisions: decisions,
+    motion: MotionSample | None = None,
 ) -> Any:
     """All decisions on a batch of series of one range axis, each field (logs, sweeps); invalid beyond `lengths`.
 
     Goes through the batch in blocks of some thousand sweeps (of one whole log where that is longer and the detector is
     not `sequential`; at once where sweeps are long), so that temporaries stay a small share of the input; of each block
     only what `pick` makes of its decisions is kept: arrays whose first two axes are (logs, sweeps of the block).
+    `motion`: as from `stack_motion`; left out of the program where the detector does not use it.
     Pure, to be jit-compiled and differentiated; `detect_batch` is this, compiled. Call it inside
     `precision(detector)`. Raises `ValueError` in a precision that the detector does not take, and for shapes that do
     not fit each other.
@@ -82,6 +88,7 @@ def run_batch(
             f"the detector `{detector.name}` needs double precision; call it inside `precision(detector)`."
         )
     check_shapes(axis, sweeps, flags, dt, lengths)
+    check_motion(motion, flags.shape)
     return in_blocks(
         detector,
         axis,
@@ -90,7 +97,14 @@ def run_batch(
         jnp.asarray(flags),
         jnp.asarray(dt, jnp.result_type(float)),
         jnp.asarray(lengths).astype(jnp.int32),
+        motion=jax.tree.map(as_program, motion) if detector.uses_motion else None,
     )
+
+
+def as_program(field: Any) -> Array:
+    """In the program's precision."""
+    field = jnp.asarray(field)
+    return field.astype(jnp.result_type(float)) if jnp.issubdtype(field.dtype, jnp.floating) else field
 
 
 def event_weights(
@@ -118,9 +132,14 @@ def _padded_length(count: int) -> int:
 def detect(detector: StepDetector[Any, Any], series: SensorSeries, motion: Motion | None = None) -> StepTrace:
     """Find the road steps in one series of sweeps.
 
-    `motion` is for detectors that use it; none of the present ones does.
+    `motion`: of the drive, for a detector that uses it.
     """
     count, padded = len(series), _padded_length(len(series))
+    moved = None
+    if detector.uses_motion and motion is not None:
+        moved = no_motion((1, padded))
+        put_motion(moved, 0, motion_at(motion, series.times_ns), 0, count)
+        moved = jax.tree.map(lambda field: field[0], moved)
     with precision(detector):
         decisions = _run(
             detector,
@@ -128,6 +147,7 @@ def detect(detector: StepDetector[Any, Any], series: SensorSeries, motion: Motio
             np.pad(series.sweeps, ((0, padded - count), (0, 0))),
             np.pad(series.flags, (0, padded - count), constant_values=int(SweepFlag.NO_AMPLITUDES)),
             np.pad(time_steps(series.times_ns), (0, padded - count)),
+            moved,
         )
         host = {
             field.name: np.asarray(getattr(decisions, field.name))[:count] for field in dataclasses.fields(Decision)

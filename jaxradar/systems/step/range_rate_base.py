@@ -131,6 +131,7 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
         sweeps: BlockSweeps,
         flags: UInt[Array, "logs sweeps"],
         dt: Float[Array, "logs sweeps"],
+        motion: MotionSample | None = None,
     ) -> tuple[RangeRateState, Decision]:
         observations = self._observe_all(axis, sweeps, flags)
         valid = observations.valid

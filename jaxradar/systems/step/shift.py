@@ -171,6 +171,7 @@ class ShiftDetector(StepDetector[ProfileObservation, ShiftState]):
         sweeps: BlockSweeps,
         flags: UInt[Array, "logs sweeps"],
         dt: Float[Array, "logs sweeps"],
+        motion: MotionSample | None = None,
     ) -> tuple[ShiftState, Decision]:
         return follow_block(self, axis, state, sweeps, flags, dt)
 
