@@ -75,7 +75,10 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         (["view", "x", "--detector", "defualt"], "did you mean `default`?"),
         (["view", "x", "--start", "5", "--stop", "3"], "--stop 3"),
         (["label", "x", "--acceleration", "0"], "'0'"),
-        (["config", "lab"], "expected thesis, lab-live, range-rate, filtered-rate, shift, approach, default"),
+        (
+            ["config", "lab"],
+            "expected thesis, lab-live, range-rate, filtered-rate, shift, approach, innovation, default",
+        ),
         (["convert", "x", "x"], "same log"),
     ],
 )

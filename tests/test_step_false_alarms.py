@@ -150,7 +150,7 @@ def test_all_else_in_a_file_stays(tmp_path: Path, capsys: pytest.CaptureFixture[
         (["default", *ASKED], "there is no theory of the false alarms of `default`; --false-alarms-per-hour is for "),
         (
             ["lab-live", *ASKED],
-            "of `lab-live`; --false-alarms-per-hour is for thesis, range-rate, filtered-rate, ",
+            "of `lab-live`; --false-alarms-per-hour is for thesis, ",
         ),
         (["thesis", *ASKED[:2]], "--false-alarms-per-hour needs --rate and --range-noise-mm."),
         (["approach", *ASKED[:2]], "--false-alarms-per-hour needs --rate."),

@@ -104,7 +104,7 @@ def test_false_alarms_are_as_many_as_asked_for(test: str) -> None:
     """In noise as the filter takes it to be; rates that the approximations know within 30 %."""
     per_sweep = 1 / 300
     made = InnovationDetector.from_false_alarm_rate(
-        3600 * 300 * per_sweep, rate_hz=300.0, range_noise_m=0.002, test=test, window=10, release=1.0,
+        3600 * 300 * per_sweep, rate_hz=300.0, sd_m=0.002, test=test, window=10, release=1.0,
         refractory_s=0.0, most=1e3, scale_s=100.0, heave_m2_s3=1e-3, settle_s=0.05,
     )  # fmt: skip
     rng = np.random.default_rng(8)
@@ -123,21 +123,21 @@ def test_false_alarms_are_as_many_as_asked_for(test: str) -> None:
 
 
 def test_the_threshold_follows_from_the_test() -> None:
-    made = InnovationDetector.from_false_alarm_rate(1.0, rate_hz=300.0, range_noise_m=0.003, reference=1.0)
+    made = InnovationDetector.from_false_alarm_rate(1.0, rate_hz=300.0, sd_m=0.003, reference=1.0)
     # Half of the rate for each side: (e^2b/2 − b − ½) = 2 · 3600 · 300 with b = h + 1.166.
     b = float(made.limit) + 1.166
     assert (np.exp(2 * b) - 2 * b - 1) / 2 == pytest.approx(2 * 3600 * 300, rel=1e-6)
     assert float(made.range_noise_m) == 0.003
     with pytest.raises(ValueError, match="`limit` follows"):
-        InnovationDetector.from_false_alarm_rate(1.0, rate_hz=300.0, range_noise_m=0.003, limit=3.0)
+        InnovationDetector.from_false_alarm_rate(1.0, rate_hz=300.0, sd_m=0.003, limit=3.0)
     with pytest.raises(ValueError, match="`per_hour` must be above 0"):
-        InnovationDetector.from_false_alarm_rate(0.0, rate_hz=300.0, range_noise_m=0.003)
+        InnovationDetector.from_false_alarm_rate(0.0, rate_hz=300.0, sd_m=0.003)
 
 
 @pytest.mark.parametrize("test", ["cusum", "glr"])
 @pytest.mark.parametrize("shift_m", [0.03, -0.03])
 def test_a_jump_is_one_detection(test: str, shift_m: float) -> None:
-    made = InnovationDetector.from_false_alarm_rate(1.0, rate_hz=100.0, range_noise_m=0.002, test=test)
+    made = InnovationDetector.from_false_alarm_rate(1.0, rate_hz=100.0, sd_m=0.002, test=test)
     one = over_a_step(120, at=60, shift_m=shift_m)
     (event,) = detect(made, one).events
     assert 60 <= event.sweep <= 66

@@ -68,7 +68,8 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
         "--detector",
         default="default",
         metavar="NAME",
-        help="default, approach, shift, filtered-rate, range-rate, thesis, lab-live or a .toml (default: default)",
+        help="default, one of its parts approach and shift, innovation, filtered-rate, range-rate, thesis, lab-live, "
+        "or a FILE.toml (default: default)",
     )
     parser.add_argument("--sensor", type=whole(0), metavar="N", help="this sensor alone (default: all)")
     parser.add_argument("--start", type=number(), metavar="S", help="from here on, in seconds since the first sweep")

@@ -61,10 +61,10 @@ class InnovationDetector(StepDetector[SweepPeak, InnovationState]):
     The range is that of the strongest echo, as in `ShiftDetector`. The filter's state is range and rate, the
     acceleration white noise: `heave_m2_s3` strong where nothing is known of the motion, `known_m2_s3` beside the
     vertical acceleration of the body, `lift` of which moves the range, where it is. Where the car is known to move, a
-    sweep is as noisy as speckle makes it. Innovations beyond `most` standard
-    deviations count as so many: a single sweep in which another echo is the strongest neither moves the filter nor
-    detects. Real noise drifts: where the running mean magnitude of the innovations is above what `range_noise_m` makes
-    of it, that is their scale.
+    sweep is as noisy as speckle makes it. Innovations beyond `most` standard deviations count as so many: a single
+    sweep in which another echo is the strongest neither moves the filter nor detects. Real noise
+    drifts: where the running mean magnitude of the innovations is above what `range_noise_m` makes of it, that is their
+    scale.
 
     `test = "cusum"`: the larger of two sums, S = max(0, S ± z − `reference`); `test = "glr"`: the largest
     |sum of the last k|/√k, k up to `window`. After a detection sums and filter begin anew, at the range then.
@@ -77,6 +77,7 @@ class InnovationDetector(StepDetector[SweepPeak, InnovationState]):
     name: ClassVar[str] = "innovation"
     statistic_name: ClassVar[str] = "test of the innovation"
     statistic_unit: ClassVar[str] = "standard deviations"
+    theory: ClassVar[str] = "false alarms of a sequential test on white innovations"
     uses_motion: ClassVar[bool] = True
 
     limit: Setting = setting(12.7, 0.0, 1e6, "", "a test statistic above this is a step")
@@ -112,19 +113,20 @@ class InnovationDetector(StepDetector[SweepPeak, InnovationState]):
 
     @classmethod
     def from_false_alarm_rate(
-        cls, per_hour: float = 1.0, *, rate_hz: float, range_noise_m: float, **settings: Any
+        cls, per_hour: float = 1.0, *, rate_hz: float, sd_m: float, **settings: Any
     ) -> InnovationDetector:
         """With the threshold from theory: so many false alarms an hour where innovations are white and Gaussian
         (`estimate.detection.cusum_threshold` with half the rate for each side, or `glr_threshold`).
 
-        Speckle is neither: the same place of a road is seen in several sweeps, and its range errs alike in all of
-        them. Raises `ValueError` for what no threshold answers.
+        `sd_m`: of the range of a single sweep over a still road, the setting `range_noise_m`. Speckle is neither white
+        nor Gaussian: the same place of a road is seen in several sweeps, and its range errs alike in all of them.
+        Raises `ValueError` for what no threshold answers.
         """
         from jaxradar.estimate.detection import cusum_threshold, glr_threshold  # SciPy takes long to import
 
         if "limit" in settings:
             raise ValueError("`limit` follows from the rate of false alarms; leave it out.")
-        made = cls(range_noise_m=range_noise_m, **settings)
+        made = cls(**{**settings, "range_noise_m": sd_m})
         if made.test == "cusum":
             return bounded(made, limit=cusum_threshold(0.5 * per_hour, rate_hz, float(made.reference)))
         return bounded(made, limit=glr_threshold(per_hour, rate_hz, made.window))
