@@ -62,9 +62,8 @@ class InnovationDetector(StepDetector[SweepPeak, InnovationState]):
     acceleration white noise: `heave_m2_s3` strong where nothing is known of the motion, `known_m2_s3` beside the
     vertical acceleration of the body, `lift` of which moves the range, where it is. Where the car is known to move, a
     sweep is as noisy as speckle makes it. Innovations beyond `most` standard deviations count as so many: a single
-    sweep in which another echo is the strongest neither moves the filter nor detects. Real noise
-    drifts: where the running mean magnitude of the innovations is above what `range_noise_m` makes of it, that is their
-    scale.
+    sweep in which another echo is the strongest neither moves the filter nor detects. Real noise drifts: where the
+    running mean magnitude of the innovations is above what `range_noise_m` makes of it, that is their scale.
 
     `test = "cusum"`: the larger of two sums, S = max(0, S ± z − `reference`); `test = "glr"`: the largest
     |sum of the last k|/√k, k up to `window`. After a detection sums and filter begin anew, at the range then.
