@@ -13,12 +13,12 @@ from scipy import stats
 
 from jaxradar.estimate.kalman import (
     Dynamics,
-    Estimate,
-    Sensor,
+    Gaussian,
+    MeasurementModel,
     constant_acceleration,
     constant_velocity,
     covariance_root,
-    position_sensor,
+    position_model,
     predict,
     update,
 )
@@ -46,13 +46,13 @@ def random_problem(random: np.random.Generator, states: int, measured: int) -> d
     }
 
 
-def filtered(problem: dict[str, Any]) -> tuple[Estimate, Any]:
-    def step(state: Estimate, now: Any) -> Any:
+def filtered(problem: dict[str, Any]) -> tuple[Gaussian, Any]:
+    def step(state: Gaussian, now: Any) -> Any:
         state = predict(state, Dynamics(now["F"], now["G"], now["B"]), now["u"])
-        state, innovation = update(state, now["z"], Sensor(now["H"], now["R"]), now["seen"])
+        state, innovation = update(state, now["z"], MeasurementModel(now["H"], now["R"]), now["seen"])
         return state, (state, innovation)
 
-    first = Estimate(problem["mean"], problem["root"])
+    first = Gaussian(problem["mean"], problem["root"])
     by_step = {name: one for name, one in problem.items() if name not in ("mean", "root")}
     return jax.lax.scan(step, first, by_step)
 
@@ -105,8 +105,8 @@ def test_it_is_the_conditional_gaussian(states: int, measured: int, dtype: str) 
 def test_the_innovation_is_what_it_says() -> None:
     problem = random_problem(np.random.default_rng(7), 4, 2)
     with jax.enable_x64(True):
-        before = Estimate(jnp.asarray(problem["mean"]), jnp.asarray(problem["root"]))
-        _, found = update(before, problem["z"][0], Sensor(problem["H"][0], problem["R"][0]))
+        before = Gaussian(jnp.asarray(problem["mean"]), jnp.asarray(problem["root"]))
+        _, found = update(before, problem["z"][0], MeasurementModel(problem["H"][0], problem["R"][0]))
     covariance = problem["H"][0] @ problem["root"] @ problem["root"].T @ problem["H"][0].T
     covariance += problem["R"][0] @ problem["R"][0].T
     value = problem["z"][0] - problem["H"][0] @ problem["mean"]
@@ -116,12 +116,12 @@ def test_the_innovation_is_what_it_says() -> None:
 
 
 def test_what_is_not_seen_changes_nothing() -> None:
-    before = Estimate(jnp.array([1.0, 2.0]), jnp.array([[2.0, 0.0], [0.3, 1.0]]))
-    after, found = jax.jit(update)(before, jnp.array([jnp.nan]), position_sensor(0.1, 2), False)
+    before = Gaussian(jnp.array([1.0, 2.0]), jnp.array([[2.0, 0.0], [0.3, 1.0]]))
+    after, found = jax.jit(update)(before, jnp.array([jnp.nan]), position_model(0.1, 2), False)
     jax.tree.map(np.testing.assert_array_equal, after, before)
     for one in found:
         np.testing.assert_array_equal(one, 0.0)
-    slope = jax.grad(lambda z: jnp.sum(update(before, z, position_sensor(0.1, 2), False)[0].mean))(jnp.array([jnp.nan]))
+    slope = jax.grad(lambda z: jnp.sum(update(before, z, position_model(0.1, 2), False)[0].mean))(jnp.array([jnp.nan]))
     np.testing.assert_array_equal(slope, 0.0)
 
 
@@ -151,7 +151,7 @@ def test_models_are_those_of_the_book(dt: float, axes: int) -> None:
 def test_two_short_steps_are_one_long_one(model: Any) -> None:
     states = 2 if model is constant_velocity else 3
     with jax.enable_x64(True):
-        start = Estimate(jnp.arange(1.0, 1.0 + states), 0.1 * jnp.eye(states))
+        start = Gaussian(jnp.arange(1.0, 1.0 + states), 0.1 * jnp.eye(states))
         twice = predict(predict(start, model(0.2, 5.0)), model(0.3, 5.0))
         once = predict(start, model(0.5, 5.0))
         np.testing.assert_allclose(twice.mean, once.mean, rtol=1e-12)
@@ -161,7 +161,7 @@ def test_two_short_steps_are_one_long_one(model: Any) -> None:
 def test_errors_are_as_large_as_the_filter_says() -> None:
     """NEES over 1,000 runs of a tracker of two axes, in its 95 % band (Bar-Shalom et al., 2001, equation 5.4.2-7)."""
     runs, steps, dt = 1000, 40, 0.05
-    dynamics, sensor = constant_velocity(dt, 2.0, axes=2), position_sensor(0.03, 4, axes=2)
+    dynamics, sensor = constant_velocity(dt, 2.0, axes=2), position_model(0.03, 4, axes=2)
     random = np.random.default_rng(11)
     first = np.diag([0.03, 0.03, 1.0, 1.0])
     truth = random.normal(size=(runs, 4)) @ first
@@ -171,11 +171,11 @@ def test_errors_are_as_large_as_the_filter_says() -> None:
     measured = truths[..., :2] + 0.03 * random.normal(size=(runs, steps, 2))
 
     def one(track: Any) -> Any:
-        def step(state: Estimate, z: Any) -> Any:
+        def step(state: Gaussian, z: Any) -> Any:
             state, innovation = update(predict(state, dynamics), z, sensor)
             return state, (state, jnp.sum(innovation.whitened**2))
 
-        return jax.lax.scan(step, Estimate(jnp.zeros(4), jnp.asarray(first, jnp.float32)), track)[1]
+        return jax.lax.scan(step, Gaussian(jnp.zeros(4), jnp.asarray(first, jnp.float32)), track)[1]
 
     found, nis = jax.jit(jax.vmap(one))(jnp.asarray(measured, jnp.float32))
     error = np.linalg.solve(np.float64(found.root[:, -1]), (truths - found.mean)[:, -1, :, None])[..., 0]
@@ -187,8 +187,8 @@ def test_errors_are_as_large_as_the_filter_says() -> None:
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def many_updates(count: int, axes: int, density: Any) -> tuple[Estimate, Any]:
-    dynamics, sensor = constant_velocity(1e-3, density, axes), position_sensor(1e-6, 2 * axes, axes)
+def many_updates(count: int, axes: int, density: Any) -> tuple[Gaussian, Any]:
+    dynamics, sensor = constant_velocity(1e-3, density, axes), position_model(1e-6, 2 * axes, axes)
 
     def step(held: Any, k: Any) -> Any:
         state, well = held
@@ -197,7 +197,7 @@ def many_updates(count: int, axes: int, density: Any) -> tuple[Estimate, Any]:
         well &= jnp.all(jnp.diagonal(state.root) > 0) & jnp.all(covariance == covariance.T)
         return (state, well & jnp.all(jnp.isfinite(state.mean))), None
 
-    return jax.lax.scan(step, (Estimate(jnp.zeros(2 * axes), jnp.eye(2 * axes)), True), jnp.arange(count))[0]
+    return jax.lax.scan(step, (Gaussian(jnp.zeros(2 * axes), jnp.eye(2 * axes)), True), jnp.arange(count))[0]
 
 
 def is_well(count: int, axes: int, density: float) -> None:
@@ -223,10 +223,10 @@ def test_a_million_updates_without_noise_stay_positive_definite(axes: int, densi
 
 def test_a_mean_of_many_loses_nothing() -> None:
     """A constant, measured 30,000 times in single precision: its variance is R/n."""
-    still, sensor = Dynamics(jnp.eye(1), jnp.zeros((1, 1))), Sensor(jnp.ones((1, 1)), 1e-6 * jnp.ones((1, 1)))
+    still, sensor = Dynamics(jnp.eye(1), jnp.zeros((1, 1))), MeasurementModel(jnp.ones((1, 1)), 1e-6 * jnp.ones((1, 1)))
     z = np.float32(1e-6) * np.random.default_rng(3).normal(size=(30_000, 1)).astype(np.float32)
     step = lambda state, one: (update(predict(state, still), one, sensor)[0], None)  # noqa: E731
-    last = jax.jit(lambda z: jax.lax.scan(step, Estimate(jnp.zeros(1), jnp.ones((1, 1))), z)[0])(z)
+    last = jax.jit(lambda z: jax.lax.scan(step, Gaussian(jnp.zeros(1), jnp.ones((1, 1))), z)[0])(z)
     np.testing.assert_allclose(last.covariance[0, 0], 1e-12 / 30_000, rtol=3e-3)
     np.testing.assert_allclose(last.mean, np.float64(z).mean(axis=0), atol=2e-10)
 
@@ -255,8 +255,8 @@ def test_slopes_are_those_of_central_differences() -> None:
 @jax.jit
 @partial(jax.value_and_grad, argnums=(0, 1, 2))
 def sloped(density: Any, dt: Any, sd: Any) -> Any:
-    state = predict(Estimate(jnp.zeros(3), jnp.eye(3)), constant_acceleration(dt, density))
-    state, found = update(state, jnp.ones(1), position_sensor(sd, 3))
+    state = predict(Gaussian(jnp.zeros(3), jnp.eye(3)), constant_acceleration(dt, density))
+    state, found = update(state, jnp.ones(1), position_model(sd, 3))
     return jnp.sum(state.mean) + found.log_likelihood
 
 

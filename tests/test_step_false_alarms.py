@@ -36,7 +36,9 @@ def events(detector: RangeRateDetector | ThesisDetector, ranges_m: np.ndarray) -
     steps = np.full((logs, count), 1 / RATE_HZ)
     flags = np.zeros((logs, count), np.uint16)
     lengths = np.full(logs, count)
-    return np.asarray(detect_batch(detector, RangeAxis.of(FINE_M), sweeps, flags, steps, lengths, ("event",))["event"])
+    return np.asarray(
+        detect_batch(detector, RangeAxis.of(FINE_M), sweeps, flags, steps, lengths, fields=("event",))["event"]
+    )
 
 
 def agrees(hits: np.ndarray, probability: float) -> bool:

@@ -25,7 +25,6 @@ from jaxradar.systems.step import (
     run,
     run_batch,
     stack,
-    stack_motion,
     time_steps,
 )
 from jaxradar.systems.step.motion import HELD_S
@@ -122,7 +121,7 @@ def test_every_way_in_hands_on_the_same_motion(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(lanes, "LANES_BY_LOGS", 2)
     monkeypatch.setattr(lanes, "CHUNK_SWEEPS_BY_LOGS", 2 * 16)
     detector = SpeedDetector()
-    together = detect_batch(detector, *stack(LOGS), fields=("statistic", "event"), motion=stack_motion(LOGS, MOTIONS))
+    together = detect_batch(detector, *stack(LOGS, MOTIONS), fields=("statistic", "event"))
     pairs = [(one, motion or Motion()) for one, motion in zip(LOGS, MOTIONS, strict=True)]
     in_lanes = dict(detect_series(detector, pairs, ("statistic", "event")))
     for place, one in enumerate(LOGS):
@@ -148,7 +147,7 @@ def test_without_motion_a_detector_is_told_none() -> None:
 def test_what_does_not_use_it_compiles_to_the_same_program(name: str) -> None:
     detector = DETECTORS[name]()
     assert not detector.uses_motion
-    batch, motion = stack(LOGS), stack_motion(LOGS, MOTIONS)
+    batch, motion = stack(LOGS), stack(LOGS, MOTIONS).motion
     with jax.enable_x64(detector.float64):
         plain = str(jax.make_jaxpr(lambda: run_batch(detector, *batch))())
         handed = str(jax.make_jaxpr(lambda: run_batch(detector, *batch, motion=motion))())
@@ -158,9 +157,9 @@ def test_what_does_not_use_it_compiles_to_the_same_program(name: str) -> None:
 def test_shapes_that_do_not_fit_are_refused() -> None:
     batch = stack(LOGS)
     with pytest.raises(ValueError, match=r"motion\.acceleration_m_s2` of shape \(logs, sweeps\) = \(4, 200\)"):
-        detect_batch(SpeedDetector(), *batch, motion=stack_motion(LOGS[:2], MOTIONS[:2]))
+        detect_batch(SpeedDetector(), *batch, motion=stack(LOGS[:2], MOTIONS[:2]).motion)
     with pytest.raises(ValueError, match="a motion for each series; got 1 for 4"):
-        stack_motion(LOGS, MOTIONS[:1])
+        stack(LOGS, MOTIONS[:1])
 
 
 def test_a_log_without_sweeps_has_no_motion() -> None:

@@ -116,7 +116,7 @@ def _from_store(section: Section, store: Path, count: int, settings: Settings) -
     for name in DETECTORS:
         detector = load_detector(name).detector
         say(f"{name}: in memory and from the store")
-        in_memory = lambda detector=detector: detect_batch(detector, axis, sweeps, flags, dt, lengths, FIELDS)  # noqa: E731
+        in_memory = lambda detector=detector: detect_batch(detector, axis, sweeps, flags, dt, lengths, fields=FIELDS)  # noqa: E731
         from_store = lambda name=name: _evaluate(paths, name)  # noqa: E731
         in_memory()
         whole = from_store()

@@ -175,7 +175,7 @@ def _count(args: argparse.Namespace, share: int) -> int:
 
 
 def _follows_corners(detector: StepDetector[Any, Any]) -> bool:
-    from jaxradar.systems.step.pair import corner_detector
+    from jaxradar.survey.pair import corner_detector
 
     try:
         corner_detector(detector)

@@ -13,7 +13,7 @@ from jaxradar.cli._output import Lines, shown
 
 if TYPE_CHECKING:
     from jaxradar.drive import SensorSeries
-    from jaxradar.systems.step import Calibration
+    from jaxradar.survey import Calibration
 
 __all__ = ["add_to"]
 
@@ -43,7 +43,7 @@ def add_to(commands: Any) -> None:
 def _run(args: argparse.Namespace) -> int:
     from jaxradar.cli._logs import all_logs
     from jaxradar.logs import read_log
-    from jaxradar.systems.step import calibrate
+    from jaxradar.survey import calibrate
 
     check_part(args.start, args.stop)
     logs, empty = all_logs(args.paths)

@@ -25,13 +25,13 @@ from jaxradar._types import Flag, Scalar, Setting, Value
 
 __all__ = [
     "Dynamics",
-    "Estimate",
+    "Gaussian",
     "Innovation",
-    "Sensor",
+    "MeasurementModel",
     "constant_acceleration",
     "constant_velocity",
     "covariance_root",
-    "position_sensor",
+    "position_model",
     "predict",
     "update",
 ]
@@ -42,14 +42,14 @@ Vector = Float[Array | np.ndarray, " states"]
 Root = Float[Array | np.ndarray, "states states"]
 
 
-class Estimate(NamedTuple):
+class Gaussian(NamedTuple):
     """What is known of the state: its mean, and a lower triangular root L of its covariance L Lᵀ."""
 
     mean: Vector
     root: Root
 
     @classmethod
-    def of(cls, mean: Vector, covariance: Root) -> Estimate:
+    def of(cls, mean: Vector, covariance: Root) -> Gaussian:
         return cls(jnp.asarray(mean), covariance_root(covariance))
 
     @property
@@ -66,7 +66,7 @@ class Dynamics(NamedTuple):
     control: Float[Array | np.ndarray, "states inputs"] | None = None
 
 
-class Sensor(NamedTuple):
+class MeasurementModel(NamedTuple):
     """What of the state is measured: `observation` H, and a lower triangular `noise_root` of R with no 0 on its
     diagonal."""
 
@@ -89,26 +89,29 @@ class Innovation(NamedTuple):
 
 
 def predict(
-    state: Estimate, dynamics: Dynamics, control: Float[Array | np.ndarray, " inputs"] | None = None
-) -> Estimate:
+    state: Gaussian, dynamics: Dynamics, control: Float[Array | np.ndarray, " inputs"] | None = None
+) -> Gaussian:
     """The state one step later: F x + B u, F P Fᵀ + Q."""
     mean = _product(dynamics.transition, state.mean)
     if dynamics.control is not None and control is not None:
         mean = mean + _product(dynamics.control, control)
     spread = jnp.concatenate([_product(dynamics.transition, state.root), jnp.asarray(dynamics.noise_root)], axis=1)
-    return Estimate(mean, _triangular(spread))
+    return Gaussian(mean, _triangular(spread))
 
 
 def update(
-    state: Estimate, measurement: Float[Array | np.ndarray, " measured"], sensor: Sensor, seen: Flag | bool = True
-) -> tuple[Estimate, Innovation]:
+    state: Gaussian,
+    measurement: Float[Array | np.ndarray, " measured"],
+    model: MeasurementModel,
+    seen: Flag | bool = True,
+) -> tuple[Gaussian, Innovation]:
     """The state after a measurement, and the innovation; where not `seen`, the state as it was, whatever is measured.
 
-    `seen` is of the measurement as a whole: what comes and goes on its own is a sensor of its own.
+    `seen` is of the measurement as a whole: what comes and goes on its own has a model of its own.
     """
     seen = jnp.asarray(seen)
     mean, root = jnp.asarray(state.mean), jnp.asarray(state.root)
-    observation, noise_root = jnp.asarray(sensor.observation), jnp.asarray(sensor.noise_root)
+    observation, noise_root = jnp.asarray(model.observation), jnp.asarray(model.noise_root)
     expected = _product(observation, mean)
     value = jnp.where(seen, jnp.asarray(measurement), expected) - expected
     # In units of the measurement's noise, white: its components are then taken in one by one.
@@ -124,7 +127,7 @@ def update(
     white, spread = jnp.stack(whitened), jnp.stack(variances)
     density = white**2 + jnp.log(spread) + LOG_2_PI + 2.0 * jnp.log(jnp.abs(jnp.diagonal(noise_root)))
     covariance = _squared(jnp.concatenate([_product(observation, state.root), noise_root], axis=1))
-    return Estimate(jnp.where(seen, mean + moved, mean), jnp.where(seen, root, state.root)), Innovation(
+    return Gaussian(jnp.where(seen, mean + moved, mean), jnp.where(seen, root, state.root)), Innovation(
         value=value,
         covariance=jnp.where(seen, covariance, 0.0),
         whitened=jnp.where(seen, white, 0.0),
@@ -204,10 +207,10 @@ def constant_acceleration(dt: Scalar | float, density: Setting, axes: int = 1) -
     )
 
 
-def position_sensor(sd: Setting, states: int, axes: int = 1) -> Sensor:
+def position_model(sd: Setting, states: int, axes: int = 1) -> MeasurementModel:
     """The first `axes` of the states, each with independent noise of standard deviation `sd`."""
     dtype = jnp.result_type(float)
-    return Sensor(jnp.eye(axes, states, dtype=dtype), jnp.asarray(sd, dtype) * jnp.eye(axes, dtype=dtype))
+    return MeasurementModel(jnp.eye(axes, states, dtype=dtype), jnp.asarray(sd, dtype) * jnp.eye(axes, dtype=dtype))
 
 
 def _on_axes(
@@ -248,8 +251,12 @@ def _inverse(root: Array) -> Array:
     """Of a small lower triangular matrix, by substitution."""
     if root.shape[0] == 1:
         return 1.0 / root
-    unit = jnp.eye(root.shape[0], dtype=root.dtype)
-    return jax.scipy.linalg.solve_triangular(root, unit, lower=True)
+    # Written out: a library's routine would be a call that other compilers do not know.
+    rows: list[Array] = []
+    for place, unit in enumerate(jnp.eye(root.shape[0], dtype=root.dtype)):
+        left = unit - sum((root[place, other] * rows[other] for other in range(place)), jnp.zeros_like(unit))
+        rows.append(left / root[place, place])
+    return jnp.stack(rows)
 
 
 def _squared(root: Array) -> Array:

@@ -21,10 +21,10 @@ from jaxradar.matching import MatchWindow
 from jaxradar.signal.pulses import SIGMA_PER_FWHM
 from jaxradar.sim import RoadScene, held_out_seeds, simulate_each
 from jaxradar.suite.scenes import ROADS, StepCell
+from jaxradar.survey.ground import Beam, Ground, strip_patches, strips_of
+from jaxradar.survey.height import HeightFinder, StepHeight, step_height
+from jaxradar.survey.pair import corner_detector
 from jaxradar.systems.step import StepDetector, detect
-from jaxradar.systems.step.ground import Beam, Ground, strip_patches, strips_of
-from jaxradar.systems.step.height import HeightFinder, StepHeight, step_height
-from jaxradar.systems.step.pair import corner_detector
 from jaxradar.systems.step.result import StepEvent
 
 __all__ = ["HEIGHTS_M", "HeightErrors", "height_bound_m", "heights_grid", "measure_heights"]
@@ -129,7 +129,7 @@ def _found(
             return step_height(series, StepEvent(at, 0.0, 0.0, 0.0, 0.0, 0), finder, motion=motion, passes_s=at)
         impact = drive.truth.steps[0].impact_s
         begin = impact - MatchWindow().before(speed)
-        event = next((one for one in detect(detector, series).events if begin <= one.time_s <= impact), None)
+        event = next((one for one in detect(detector, series, motion).events if begin <= one.time_s <= impact), None)
         if event is None:
             return None
         return step_height(series, event, finder, motion=motion, approach=corner_detector(detector))

@@ -18,8 +18,8 @@ from jaxradar.matching import MatchWindow
 from jaxradar.sim import RoadScene, held_out_seeds, simulate_each
 from jaxradar.suite.run import IN_TIME
 from jaxradar.suite.scenes import KMH, StepCell, lead_allowed_s
+from jaxradar.survey.pair import PairEvent, SensorPair, corner_detector, pair_events
 from jaxradar.systems.step import StepDetector, detect_batch, stack
-from jaxradar.systems.step.pair import PairEvent, SensorPair, corner_detector, pair_events
 from jaxradar.systems.step.pipeline import trace_of
 from jaxradar.systems.step.result import StepTrace
 
@@ -180,7 +180,8 @@ def _driven(scenes: Sequence[RoadScene], seeds: Sequence[int], lateral_m: float)
 
 def _traces(detector: StepDetector[Any, Any], drives: Sequence[Drive]) -> list[StepTrace]:
     series = [drive.sensors[0] for drive in drives]
-    found: Mapping[str, Any] = detect_batch(detector, *stack(series), fields=FIELDS)
+    batch = stack(series, [drive.motion for drive in drives])
+    found: Mapping[str, Any] = detect_batch(detector, *batch, fields=FIELDS)
     host = {name: np.asarray(values) for name, values in found.items()}
     return [
         trace_of(detector, one, {name: values[place, : len(one)] for name, values in host.items()})

@@ -15,7 +15,7 @@ from jaxradar.drive import Drive
 from jaxradar.matching import MatchWindow, match_steps, speed_at
 from jaxradar.sim import RoadScene, held_out_seeds, simulate_each
 from jaxradar.suite.scenes import Negative, StepCell, lead_allowed_s
-from jaxradar.systems.step import MotionSample, StepDetector, SweepBatch, detect_batch, stack, stack_motion
+from jaxradar.systems.step import StepDetector, SweepBatch, detect_batch, stack
 
 __all__ = ["Found", "Quiet", "measure_negative", "measure_step", "threshold_at"]
 
@@ -74,9 +74,9 @@ def measure_step(
     done = 0
     for drives in _batches(cell.name, cell.scenes, count, seed, seeds):
         scenes, made = zip(*drives, strict=True)
-        batch, motion = _stacked(made, detectors)
+        batch = _stacked(made, detectors)
         for name, detector in detectors.items():
-            decided = detect_batch(detector, *batch, fields=FIELDS, motion=motion)
+            decided = detect_batch(detector, *batch, fields=FIELDS)
             found = {key: np.asarray(one) for key, one in decided.items()}
             parts[name].append(_found(found, scenes, made, float(cell.height_m)))
         done += len(made)
@@ -98,12 +98,12 @@ def measure_negative(
     done, hours = 0, 0.0
     for drives in _batches(negative.name, negative.scenes, count, seed, seeds):
         made = [drive for _, drive in drives]
-        batch, motion = _stacked(made, detectors)
+        batch = _stacked(made, detectors)
         times = _times(made)
         settled = times >= SETTLED_S
         block = np.where(settled, (np.where(settled, times - SETTLED_S, 0.0) / BLOCK_S).astype(int), -1)
         for name, detector in detectors.items():
-            decided = detect_batch(detector, *batch, fields=FIELDS[:2], motion=motion)
+            decided = detect_batch(detector, *batch, fields=FIELDS[:2])
             found = {key: np.asarray(one) for key, one in decided.items()}
             events[name] += int(found["event"].sum())
             with_any[name] += int(found["event"].any(axis=1).sum())
@@ -132,11 +132,10 @@ def _batches(
         yield held
 
 
-def _stacked(drives: Sequence[Drive], detectors: Detectors) -> tuple[SweepBatch, MotionSample | None]:
-    """The first sensor of each drive, and its motion if any of the detectors uses that."""
-    series = [drive.sensors[0] for drive in drives]
+def _stacked(drives: Sequence[Drive], detectors: Detectors) -> SweepBatch:
+    """The first sensor of each drive, with its motion if any of the detectors uses that."""
     moves = any(one.uses_motion for one in detectors.values())
-    return stack(series), stack_motion(series, [drive.motion for drive in drives]) if moves else None
+    return stack([drive.sensors[0] for drive in drives], [drive.motion for drive in drives] if moves else None)
 
 
 def _times(drives: Sequence[Drive]) -> np.ndarray:

@@ -225,7 +225,7 @@ def _sight_s(scene: RoadScene) -> float:
 
 def _events(detector: StepDetector[Any, Any], drives: StepDrives) -> list[np.ndarray]:
     """Times of the detections in each drive."""
-    found = detect_batch(detector, *drives.batch, ("event",))
+    found = detect_batch(detector, *drives.batch, fields=("event",))
     return [times[hit[: len(times)]] for times, hit in zip(drives.times_s, np.asarray(found["event"]), strict=True)]
 
 

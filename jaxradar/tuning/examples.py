@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from jaxradar.drive import NANOSECONDS, Drive, SensorSeries
@@ -40,7 +41,9 @@ class Examples(NamedTuple):
     def pick(self, logs: np.ndarray) -> Examples:
         """Those logs alone, in that order."""
         axis, *arrays = self.batch
-        return Examples(SweepBatch(axis, *(one[logs] for one in arrays)), *(one[logs] for one in self[1:]))
+        return Examples(
+            SweepBatch(axis, *jax.tree.map(lambda one: one[logs], arrays)), *(one[logs] for one in self[1:])
+        )
 
 
 def examples_of(drives: Sequence[tuple[Drive, SensorSeries]], window: MatchWindow | None = None) -> Examples:
@@ -52,7 +55,7 @@ def examples_of(drives: Sequence[tuple[Drive, SensorSeries]], window: MatchWindo
     for place, (drive, _) in enumerate(drives):
         if drive.truth is None:
             raise ValueError(f"`examples_of` takes drives whose truth is known; that of drive {place} is not.")
-    batch = stack([series for _, series in drives])
+    batch = stack([series for _, series in drives], [drive.motion for drive, _ in drives])
     logs, sweeps = batch.flags.shape
     steps = max((len(drive.truth.steps) for drive, _ in drives if drive.truth is not None), default=0)
     inside = np.zeros((logs, max(steps, 1), sweeps), bool)

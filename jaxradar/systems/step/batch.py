@@ -30,14 +30,14 @@ def detect_batch(
     flags: UInt[Array | np.ndarray, "logs sweeps"],
     dt: Float[Array | np.ndarray, "logs sweeps"],
     lengths: Int[Array | np.ndarray, " logs"],
-    fields: tuple[str, ...] = ("range_m", "speed_m_s", "valid", "event"),
     motion: MotionSample | None = None,
+    fields: tuple[str, ...] = ("range_m", "speed_m_s", "valid", "event"),
 ) -> dict[str, Array]:
     """Those `fields` of the `Decision`s on a batch, each (logs, sweeps); what is not asked for is not computed.
 
     `sweeps`: counts as recorded, `flags`: `SweepFlag`s (a saturated sweep is known by its flag alone), `dt` as from
     `time_steps`, `lengths`: how many sweeps of each log are real; the others come out invalid. `motion`: as from
-    `stack_motion`, for a detector that uses it. Floats are given out in single precision. NumPy arrays that begin at a
+    `stack`, for a detector that uses it. Floats are given out in single precision. NumPy arrays that begin at a
     multiple of 64 bytes, and files mapped into memory, enter as they are, without a copy. The first call for each shape
     compiles. On a CPU the logs are shared out among threads where a detector is `sequential`. The call ends when all is
     done.
@@ -89,7 +89,7 @@ def _run_fields(
     def pick(decisions: Decision) -> dict[str, Array]:
         return {name: _to_single(getattr(decisions, name)) for name in fields}
 
-    return run_batch(detector, axis, sweeps, flags, dt, lengths, pick, motion)
+    return run_batch(detector, axis, sweeps, flags, dt, lengths, motion, pick)
 
 
 def _to_single(field: Array) -> Array:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, UInt
 
 from jaxradar._settings import bounded, part, setting
-from jaxradar._types import Flag, Flags, RawSweep, Scalar, Setting
+from jaxradar._types import Flags, RawSweep, Scalar, Setting
 from jaxradar.systems.step.approach import ApproachDetector
 from jaxradar.systems.step.config import BlockSweeps, Decision, MotionSample, RangeAxis, StepDetector
 from jaxradar.systems.step.shift import ShiftDetector
@@ -39,7 +39,8 @@ class DefaultDetector(StepDetector[DefaultObservation, DefaultState]):
     The first works while the car drives, the second while it stands or glides over what reflects like a mirror; on a
     road that glitters there is no stillness, and the second is silent. A detection is one of either, none within
     `refractory_s` of another. The statistic is the larger of the two parts' own over their thresholds, compared with
-    `level`. Range, speed and strength are those of the echo that `shift` follows, or of the corner where that is off.
+    `level`. Range, speed and strength are those of the echo that `shift` follows, and of the corner while there is more
+    evidence of one.
 
     A part that is None costs nothing; in a file, `shift = false`.
     """
@@ -124,23 +125,24 @@ class DefaultDetector(StepDetector[DefaultObservation, DefaultState]):
         return found
 
     def _combined(self, found: list[Decision], quiet_s: Scalar, dt: Scalar) -> tuple[Scalar, Decision]:
-        """`found`: of each part that is on; the last one's echo is reported."""
+        """`found`: of each part that is on."""
         quiet = quiet_s + jnp.maximum(dt, 0.0)
         own = [one.evidence for one in (self.approach, self.shift) if one is not None]
-        event: Flag = found[0].event
-        statistic = found[0].statistic / jnp.maximum(own[0], 1e-9)
-        for decision, threshold in zip(found[1:], own[1:], strict=True):
-            event = event | decision.event
-            statistic = jnp.maximum(statistic, decision.statistic / jnp.maximum(threshold, 1e-9))
+        shares = [one.statistic / jnp.maximum(other, 1e-9) for one, other in zip(found, own, strict=True)]
+        shown, event, statistic = found[-1], found[-1].event, shares[-1]
+        if self.approach is not None and self.shift is not None:
+            # Weak evidence of a corner is of noise: the echo is shown then that `shift` follows.
+            near = (shares[0] > self.approach.release) & (shares[0] > shares[1])
+            shown = jax.tree.map(lambda corner, echo: jnp.where(near, corner, echo), found[0], found[1])
+            event, statistic = found[0].event | found[1].event, jnp.maximum(*shares)
         event = event & (quiet > self.refractory_s)
-        last = found[-1]
         return jnp.where(event, 0.0, quiet), Decision(
-            range_m=last.range_m,
-            speed_m_s=last.speed_m_s,
-            strength=last.strength,
+            range_m=shown.range_m,
+            speed_m_s=shown.speed_m_s,
+            strength=shown.strength,
             statistic=statistic,
             impact_in_s=found[0].impact_in_s,
-            valid=last.valid,
-            saturated=last.saturated,
+            valid=shown.valid,
+            saturated=shown.saturated,
             event=event,
         )

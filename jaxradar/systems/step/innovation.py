@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 
 from jaxradar._settings import bounded, choice_setting, setting, shape_setting
 from jaxradar._types import Flag, Flags, RawSweep, Scalar, Setting, Value
-from jaxradar.estimate.kalman import Estimate, constant_velocity, position_sensor, predict, update
+from jaxradar.estimate.kalman import Gaussian, constant_velocity, position_model, predict, update
 from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector, SweepPeak
 from jaxradar.systems.step.shift import FAR_S, ShiftDetector
 
@@ -39,12 +39,12 @@ class SequentialTest(eqx.Module):
 
 
 class InnovationState(eqx.Module):
-    """`estimate`: range and rate, m and m/s. `scale`: of the innovations beside what the filter takes for their noise,
-    1 or more; `typical`: their running mean magnitude. `age_s`: time since the filter began, `gap_s`: since the last
-    valid sweep, `quiet_s`: since the last detection. `tracking`: whether there is anything to go on from, `armed`:
-    whether the statistic has been low since the last detection; `moves`: whether the car was known to."""
+    """`estimate`: range and rate, m and m/s. `test`: the running sums. `typical`: running mean magnitude of the
+    whitened innovations. `age_s`: time since the filter began, `gap_s`: since the last valid sweep, `quiet_s`: since
+    the last detection. `tracking`: whether there is anything to go on from, `armed`: whether the statistic has been low
+    since the last detection; `moves`: whether the car was known to."""
 
-    estimate: Estimate
+    estimate: Gaussian
     test: SequentialTest
     typical: Scalar
     age_s: Scalar
@@ -147,9 +147,9 @@ class InnovationDetector(StepDetector[SweepPeak, InnovationState]):
 
     def init(self, axis: RangeAxis) -> InnovationState:
         zero, no = jnp.zeros(()), jnp.zeros((), bool)
-        begin = Estimate(jnp.zeros(2), jnp.eye(2))
+        begin = Gaussian(jnp.zeros(2), jnp.eye(2))
         test = SequentialTest(zero, zero, jnp.zeros(self.window if self.test == "glr" else 0))
-        return InnovationState(begin, test, zero, zero, zero, jnp.full((), FAR_S), no, ~no, no)
+        return InnovationState(begin, test, zero, zero, zero, jnp.asarray(FAR_S, float), no, ~no, no)
 
     def track(
         self,
@@ -202,7 +202,7 @@ class InnovationDetector(StepDetector[SweepPeak, InnovationState]):
             event=event,
         )
 
-    def foretell(self, estimate: Estimate, motion: MotionSample | None, elapsed: Scalar) -> Estimate:
+    def foretell(self, estimate: Gaussian, motion: MotionSample | None, elapsed: Scalar) -> Gaussian:
         """Range and rate so much later."""
         density, pushed = jnp.asarray(self.heave_m2_s3, float), jnp.zeros(1)
         if motion is not None:
@@ -223,14 +223,14 @@ class InnovationDetector(StepDetector[SweepPeak, InnovationState]):
         return jnp.where(moves, looked, standing), moves
 
     def take_in(
-        self, ahead: Estimate, range_m: Scalar, noise: Scalar, compared: Flag, settled: Flag
-    ) -> tuple[Estimate, Value]:
+        self, ahead: Gaussian, range_m: Scalar, noise: Scalar, compared: Flag, settled: Flag
+    ) -> tuple[Gaussian, Value]:
         """The filter after a range, and its innovation over the standard deviation of that; once it has settled, an
         innovation of more than `most` of them moves the filter as so many."""
         sd = jnp.sqrt(ahead.root[0, 0] ** 2 + noise * noise)  # the root is triangular
         value = jnp.where(compared, range_m - ahead.mean[0], 0.0)
         inside = jnp.where(settled, jnp.clip(value, -self.most * sd, self.most * sd), value)
-        estimate, _ = update(ahead, (ahead.mean[0] + inside)[None], position_sensor(noise, 2), compared)
+        estimate, _ = update(ahead, (ahead.mean[0] + inside)[None], position_model(noise, 2), compared)
         return estimate, value / sd
 
     def sum_up(self, test: SequentialTest, white: Scalar, counts: Flag) -> tuple[SequentialTest, Value]:
@@ -243,8 +243,8 @@ class InnovationDetector(StepDetector[SweepPeak, InnovationState]):
         sums = jnp.abs(jnp.cumsum(latest)) / jnp.sqrt(1.0 + jnp.arange(self.window))
         return SequentialTest(test.up, test.down, latest), jnp.max(sums)
 
-    def _begun(self, begins: Flag, range_m: Scalar, estimate: Estimate) -> Estimate:
+    def _begun(self, begins: Flag, range_m: Scalar, estimate: Gaussian) -> Gaussian:
         """Anew at a range, where it begins."""
         mean = jnp.stack([range_m, jnp.zeros_like(range_m)])
         root = jnp.diag(jnp.array([START_M, START_M_S]))
-        return jax.tree.map(lambda new, old: jnp.where(begins, new, old), Estimate(mean, root), estimate)
+        return jax.tree.map(lambda new, old: jnp.where(begins, new, old), Gaussian(mean, root), estimate)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Int
 
-from jaxradar.drive import NANOSECONDS, Channel, Motion, SensorSeries
+from jaxradar.drive import NANOSECONDS, Channel, Motion
 from jaxradar.systems.step.config import MotionSample
 
-__all__ = ["HELD_S", "check_motion", "motion_at", "no_motion", "put_motion", "stack_motion"]
+__all__ = ["HELD_S", "check_motion", "motion_at", "no_motion", "put_motion"]
 
 HELD_S = 0.2  # a value is known for so long, two samples of the slowest channel on a car's bus, 10 Hz
 
@@ -44,20 +43,6 @@ def _held(channel: Channel | None, times_ns: np.ndarray) -> tuple[np.ndarray, np
     last = np.maximum(place, 0)
     known = (place >= 0) & (times_ns - times[last] <= round(HELD_S * NANOSECONDS))
     return np.where(known, values[last], 0.0), known
-
-
-def stack_motion(series: Sequence[SensorSeries], motions: Sequence[Motion | None]) -> MotionSample:
-    """The motion that goes with `stack(series)`, (logs, sweeps): `detect_batch(detector, *stack(series),
-    motion=stack_motion(series, motions))`. Nothing is known of a log whose motion is None, nor beyond its end.
-
-    Raises `ValueError` unless there is a motion, or None, for each series.
-    """
-    if len(series) != len(motions):
-        raise ValueError(f"`stack_motion` takes a motion for each series; got {len(motions)} for {len(series)}.")
-    found = no_motion((len(series), max((len(one) for one in series), default=0)))
-    for place, (one, motion) in enumerate(zip(series, motions, strict=True)):
-        put_motion(found, place, motion_at(motion or Motion(), one.times_ns), 0, len(one))
-    return found
 
 
 def no_motion(shape: tuple[int, ...]) -> MotionSample:

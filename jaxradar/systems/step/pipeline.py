@@ -70,15 +70,15 @@ def run_batch(
     flags: UInt[Array | np.ndarray, "logs sweeps"],
     dt: Float[Array | np.ndarray, "logs sweeps"],
     lengths: Int[Array | np.ndarray, " logs"],
-    pick: Callable[[Decision], Any] = lambda decisions: decisions,
     motion: MotionSample | None = None,
+    pick: Callable[[Decision], Any] = lambda decisions: decisions,
 ) -> Any:
     """All decisions on a batch of series of one range axis, each field (logs, sweeps); invalid beyond `lengths`.
 
     Goes through the batch in blocks of some thousand sweeps (of one whole log where that is longer and the detector is
     not `sequential`; at once where sweeps are long), so that temporaries stay a small share of the input; of each block
     only what `pick` makes of its decisions is kept: arrays whose first two axes are (logs, sweeps of the block).
-    `motion`: as from `stack_motion`; left out of the program where the detector does not use it.
+    `motion`: as from `stack`, left out of the program where the detector does not use it.
     Pure, to be jit-compiled and differentiated; `detect_batch` is this, compiled. Call it inside
     `precision(detector)`. Raises `ValueError` in a precision that the detector does not take, and for shapes that do
     not fit each other.

@@ -145,7 +145,7 @@ class ShiftDetector(StepDetector[ProfileObservation, ShiftState]):
         )
 
     def init(self, axis: RangeAxis) -> ShiftState:
-        zero, far, no = jnp.zeros(()), jnp.full((), FAR_S), jnp.zeros((), bool)
+        zero, far, no = jnp.zeros(()), jnp.asarray(FAR_S, float), jnp.zeros((), bool)
         nothing = jnp.zeros(axis.bins // self._bins_per_cell(axis))
         return ShiftState(Memory(nothing, zero, no), Followed(zero, zero, zero, zero, zero, far, far, ~no))
 

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxradar.drive import SensorSeries
-from jaxradar.systems.step.config import RangeAxis
+from jaxradar.drive import Motion, SensorSeries
+from jaxradar.systems.step.config import MotionSample, RangeAxis
+from jaxradar.systems.step.motion import motion_at, no_motion, put_motion
 from jaxradar.systems.step.pipeline import time_steps
 
 __all__ = ["SweepBatch", "stack"]
@@ -17,21 +18,25 @@ ALIGNMENT = 64  # bytes: an array that begins at a multiple enters a program wit
 
 
 class SweepBatch(NamedTuple):
-    """`axis` and the inputs of `detect_batch`, in its order: `detect_batch(detector, *stack(series))`."""
+    """`axis` and the inputs of `detect_batch`, in its order: `detect_batch(detector, *stack(series))`. `motion`: None
+    where none was given."""
 
     axis: RangeAxis
     sweeps: np.ndarray
     flags: np.ndarray
     dt: np.ndarray
     lengths: np.ndarray
+    motion: MotionSample | None = None
 
 
-def stack(series: Sequence[SensorSeries]) -> SweepBatch:
-    """Series side by side, each padded with zeros to the longest.
+def stack(series: Sequence[SensorSeries], motions: Sequence[Motion | None] | None = None) -> SweepBatch:
+    """Series side by side, each padded with zeros to the longest; with the `motions` of their drives, for detectors
+    that use them.
 
     Returns the axis, sweeps (logs, sweeps, bins) of the series' dtype, flags (logs, sweeps) uint16, dt (logs, sweeps)
-    float64 in seconds and lengths (logs,) int32. Raises `ValueError` for no series, and for series of different range
-    axes or dtypes.
+    float64 in seconds, lengths (logs,) int32 and the motion, each field (logs, sweeps): nothing is known of a log whose
+    motion is None, nor beyond its end. Raises `ValueError` for no series, for series of different range axes or dtypes,
+    and unless there are as many motions.
     """
     if not series:
         raise ValueError("`stack` needs at least one series.")
@@ -50,7 +55,17 @@ def stack(series: Sequence[SensorSeries]) -> SweepBatch:
     for place, one in enumerate(series):
         sweeps[place, : len(one)], flags[place, : len(one)] = one.sweeps, one.flags
         dt[place, : len(one)] = time_steps(one.times_ns)
-    return SweepBatch(RangeAxis.of(first.range_m), sweeps, flags, dt, lengths)
+    motion = None if motions is None else _moved(series, motions, shape)
+    return SweepBatch(RangeAxis.of(first.range_m), sweeps, flags, dt, lengths, motion)
+
+
+def _moved(series: Sequence[SensorSeries], motions: Sequence[Motion | None], shape: tuple[int, int]) -> MotionSample:
+    if len(series) != len(motions):
+        raise ValueError(f"`stack` takes a motion for each series; got {len(motions)} for {len(series)}.")
+    found = no_motion(shape)
+    for place, (one, motion) in enumerate(zip(series, motions, strict=True)):
+        put_motion(found, place, motion_at(motion or Motion(), one.times_ns), 0, len(one))
+    return found
 
 
 def aligned(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from jaxradar._numerics import compiled
 from jaxradar._types import Value
 from jaxradar.signal.pulses import SIGMA_PER_FWHM
-from jaxradar.systems.step.ground import Beam, Ground, strip_powers
+from jaxradar.survey.ground import Beam, Ground, strip_powers
 
 __all__ = ["Car", "Passage", "height_likelihood", "road_table", "slopes_of"]
 

@@ -27,7 +27,7 @@ from jaxradar._errors import ConfigError
 from jaxradar._numerics import compiled
 from jaxradar.drive import SensorSeries
 from jaxradar.signal.pulses import SIGMA_PER_FWHM
-from jaxradar.systems.step.ground import Beam, Ground, ground_profile, strips_of
+from jaxradar.survey.ground import Beam, Ground, ground_profile, strips_of
 
 __all__ = ["Calibration", "calibrate", "mean_powers"]
 

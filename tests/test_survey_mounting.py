@@ -18,8 +18,8 @@ from jaxradar.cli import main
 from jaxradar.drive import Drive, SensorSeries
 from jaxradar.sim import CarMotion, Mount, simulate
 from jaxradar.suite.scenes import ROADS, base_scene
-from jaxradar.systems.step import Beam, Ground, calibrate
-from jaxradar.systems.step.ground import ground_profile, strips_of
+from jaxradar.survey import Beam, Ground, calibrate
+from jaxradar.survey.ground import ground_profile, strips_of
 
 RANGE_M = np.arange(0.107, 0.98, 0.014)
 WET = Ground(0.35, math.radians(45.0), math.log(0.21), 8.0, 5.0, 9.0)

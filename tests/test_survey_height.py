@@ -14,10 +14,11 @@ from jaxradar.drive import NANOSECONDS, Channel, Motion
 from jaxradar.sim import drive_seeds
 from jaxradar.suite import StepCell, height_bound_m, heights_grid, measure_heights
 from jaxradar.suite.heights import HeightErrors
-from jaxradar.systems.step import Beam, DefaultDetector, Ground, StepEvent, step_height, step_heights
-from jaxradar.systems.step.ground import strip_powers, strips_of
-from jaxradar.systems.step.height import HEIGHTS_M, _inflation, _rise
-from jaxradar.systems.step.height_grid import Car, Passage, height_likelihood, road_table
+from jaxradar.survey import Beam, Ground, step_height, step_heights
+from jaxradar.survey.ground import strip_powers, strips_of
+from jaxradar.survey.height import HEIGHTS_M, _inflation, _rise
+from jaxradar.survey.height_grid import Car, Passage, height_likelihood, road_table
+from jaxradar.systems.step import DefaultDetector, StepEvent
 
 GROUND = Ground(*(jnp.asarray(one) for one in (0.35, math.radians(45.0), math.log(0.21), 14.0, 11.0, 9.0)))
 RANGE_M = np.arange(0.24, 0.65, 0.014)

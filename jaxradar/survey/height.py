@@ -26,10 +26,10 @@ from jaxradar._errors import ConfigError
 from jaxradar._settings import Settings, part, setting
 from jaxradar._types import Setting
 from jaxradar.drive import Motion, SensorSeries
+from jaxradar.survey.ground import Beam, Ground, strips_of
+from jaxradar.survey.height_grid import Car, Passage, height_likelihood, road_table, slopes_of
+from jaxradar.survey.mounting import Calibration, calibrate, mean_powers
 from jaxradar.systems.step.approach import ApproachDetector
-from jaxradar.systems.step.ground import Beam, Ground, strips_of
-from jaxradar.systems.step.height_grid import Car, Passage, height_likelihood, road_table, slopes_of
-from jaxradar.systems.step.mounting import Calibration, calibrate, mean_powers
 from jaxradar.systems.step.pipeline import detect
 from jaxradar.systems.step.result import StepEvent
 

@@ -13,16 +13,8 @@ from jaxradar._errors import ConfigError
 from jaxradar.sim import drive_seeds
 from jaxradar.suite import ObliqueCell, measure_oblique, oblique_grid, oblique_total
 from jaxradar.suite.oblique import Oblique
-from jaxradar.systems.step import (
-    ApproachDetector,
-    DefaultDetector,
-    SensorPair,
-    StepEvent,
-    StepTrace,
-    ThesisDetector,
-    detect_pair,
-    pair_events,
-)
+from jaxradar.survey import SensorPair, detect_pair, pair_events
+from jaxradar.systems.step import ApproachDetector, DefaultDetector, StepEvent, StepTrace, ThesisDetector
 
 APPROACH = ApproachDetector()
 HEIGHT, WHEEL = 0.35, 0.05  # how far the front tyre's contact lies behind the sensor
