@@ -97,7 +97,7 @@ class Settings(eqx.Module):
                         f"`{type(self).__name__}({field.name}=...)` must be 1 to {MOST_WEIGHTS} numbers between {low} "
                         f"and {high}{unit}; got {np.asarray(value).tolist()}."
                     )
-            elif not (np.ndim(value) == 0 and low <= value <= high):
+            elif not (np.ndim(value) == 0 and low <= float(np.asarray(value)) <= high):
                 raise ValueError(
                     f"`{type(self).__name__}({field.name}=...)` must be between {low} and {high}{unit}; got {value}."
                 )

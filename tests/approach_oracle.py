@@ -44,7 +44,7 @@ def approach(
         goes_on, fresh = ok and kept, ok and not kept
         elapsed = max(step, 0.0) if kept else 0.0
         still = goes_on and stands
-        if fresh or (goes_on and age <= 0):
+        if fresh or (goes_on and stood and age <= 0):
             power, mean = cells**2, cells.copy()
         age = 0.0 if fresh or still else age + elapsed
         stood = (stood and kept) or still

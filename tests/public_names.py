@@ -22,7 +22,10 @@ ELSEWHERE: dict[str, str] = {
     "cluster": "sends work elsewhere",
     "drive": "holds recordings",
     "drivefile": "reads and writes files",
-    "estimate": "runs on the host in float64: test_estimate_*.py",
+    "estimate.bounds": "runs on the host in float64: test_estimate_bounds.py",
+    "estimate.detection": "runs on the host in float64: test_estimate_detection*.py",
+    "estimate.intervals": "runs on the host in float64: test_pareto.py",
+    "estimate.kalman": "values and gradients of every function, in single precision too: test_estimate_kalman.py",
     "evaluation": "what `detect_series` finds, counted on the host: test_evaluation.py",
     "ingest": "reads and writes files",
     "labels": "runs on the host in float64: test_cli_logs.py",
@@ -115,5 +118,6 @@ NOT_NUMERIC: dict[str, str] = {
     "systems.step.precision": "a context",
     "systems.step.stack": HOST,
     "systems.step.thin": HOST,
+    "systems.step.with_mounting": HOST,
     "systems.step.time_steps": HOST,
 }

@@ -147,17 +147,16 @@ def test_without_motion_a_detector_is_told_none() -> None:
 def test_what_does_not_use_it_compiles_to_the_same_program(name: str) -> None:
     detector = DETECTORS[name]()
     assert not detector.uses_motion
-    batch, motion = stack(LOGS), stack(LOGS, MOTIONS).motion
     with jax.enable_x64(detector.float64):
-        plain = str(jax.make_jaxpr(lambda: run_batch(detector, *batch))())
-        handed = str(jax.make_jaxpr(lambda: run_batch(detector, *batch, motion=motion))())
+        plain = str(jax.make_jaxpr(lambda: run_batch(detector, *stack(LOGS)))())
+        handed = str(jax.make_jaxpr(lambda: run_batch(detector, *stack(LOGS, MOTIONS)))())
     assert plain == handed
 
 
 def test_shapes_that_do_not_fit_are_refused() -> None:
     batch = stack(LOGS)
     with pytest.raises(ValueError, match=r"motion\.acceleration_m_s2` of shape \(logs, sweeps\) = \(4, 200\)"):
-        detect_batch(SpeedDetector(), *batch, motion=stack(LOGS[:2], MOTIONS[:2]).motion)
+        detect_batch(SpeedDetector(), *batch._replace(motion=stack(LOGS[:2], MOTIONS[:2]).motion))
     with pytest.raises(ValueError, match="a motion for each series; got 1 for 4"):
         stack(LOGS, MOTIONS[:1])
 

@@ -62,8 +62,11 @@ def test_in_time_is_a_share_of_the_lead() -> None:
 
 def test_the_threshold_of_one_alarm_an_hour() -> None:
     tops = np.arange(100.0)
-    assert threshold_at(tops, 3.0) == 97.0
+    threshold = threshold_at(tops, 3.0)
+    assert threshold == 96.0
+    assert (tops > threshold).sum() == 3
     assert threshold_at(tops, 0.5) == math.inf
+    assert threshold_at(tops, 100.0) == 0.0
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,7 @@ from jaxradar.sim import CarMotion, Mount, simulate
 from jaxradar.suite.scenes import ROADS, base_scene
 from jaxradar.survey import Beam, Ground, calibrate
 from jaxradar.survey.ground import ground_profile, strips_of
+from jaxradar.systems.step import DefaultDetector, load_detector
 
 RANGE_M = np.arange(0.107, 0.98, 0.014)
 WET = Ground(0.35, math.radians(45.0), math.log(0.21), 8.0, 5.0, 9.0)
@@ -132,7 +133,20 @@ def test_the_command_says_what_to_paste(tmp_path: Path, capsys: pytest.CaptureFi
     jaxradar.write_log(drive, path)
     assert main(["calibrate", str(path)]) == 0
     said = capsys.readouterr().out
-    assert "[mounting]\nheight_m = 0.3" in said
+    told = tmp_path / "told.toml"
+    told.write_text(f'format = 1\ndetector = "default"\n{said}', encoding="utf-8")
+    file = load_detector(told)
+    assert file.mounting is not None
+    assert file.mounting.height_m == pytest.approx(0.35, abs=0.01)
+    assert isinstance(file.detector, DefaultDetector)
+    assert float(file.detector.approach.height_m) == pytest.approx(file.mounting.height_m)  # type: ignore[union-attr]
+    mine = tmp_path / "mine.toml"
+    assert main(["calibrate", str(path), "-o", str(mine), "--detector", "approach"]) == 0
+    capsys.readouterr()
+    assert float(load_detector(mine).detector.height_m) == pytest.approx(file.mounting.height_m, abs=1e-4)
+    assert load_detector(mine).provenance["calibrated_on"].endswith("flat.drive, sensor 3")
+    assert main(["calibrate", str(path), "-o", str(path)]) == 2
+    assert "overwrite the log" in capsys.readouterr().err
     assert main(["calibrate", str(path), "--json", "--stop", "0.8"]) == 0
     (line,) = capsys.readouterr().out.splitlines()
     assert json.loads(line)["height_m"] == pytest.approx(0.35, abs=0.01)

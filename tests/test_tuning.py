@@ -72,7 +72,7 @@ def test_a_detector_comes_back_from_its_vector() -> None:
 @pytest.mark.parametrize(
     ("names", "said"),
     [
-        (("treshold_m_s",), "no setting `treshold_m_s`; did you mean|no setting `treshold_m_s`"),
+        (("treshold_m_s",), r"no setting `treshold_m_s` \(did you mean `threshold_m_s`"),
         (("window_m",), "`window_m` of the detector `range-rate` sets a shape"),
         (("peak",), "`peak` of the detector `range-rate` sets a shape or a choice"),
         ((), "got none"),

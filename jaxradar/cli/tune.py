@@ -54,18 +54,24 @@ def add_to(commands: Any) -> None:
     parser.add_argument("paths", nargs="+", metavar="PATH", help="logs with truth, as `jaxradar evaluate` takes them")
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="the detector's file, .toml")
     parser.add_argument("--detector", default="default", metavar="NAME", help="to begin with (default: default)")
-    parser.add_argument("--settings", metavar="A,B", help="what is moved, PART.NAME in a part (default: a few)")
+    parser.add_argument("--settings", metavar="A,B", help="settings to move, PART.NAME in a part (default: up to six)")
     parser.add_argument("--sensor", type=whole(0), metavar="N", help="this sensor alone (default: each drive's first)")
     parser.add_argument("--missed", type=number(0.0), default=1.0, metavar="C", help="cost of missing all steps (1)")
     parser.add_argument(
         "--false-alarm", type=number(0.0), default=0.01, metavar="C", help="of each false alarm an hour (0.01)"
     )
     parser.add_argument("--late", type=number(0.0), default=0.5, metavar="C", help="of each second of lateness (0.5)")
-    parser.add_argument("--starts", type=whole(1, 64), default=4, metavar="N", help="side by side (default: 4)")
+    parser.add_argument("--starts", type=whole(1, 64), default=4, metavar="N", help="points to begin from (default: 4)")
     parser.add_argument(
-        "--steps", type=whole(1, 10_000), default=32, metavar="N", help="most of each start, three times (default: 32)"
+        "--steps",
+        type=whole(1, 10_000),
+        default=32,
+        metavar="N",
+        help="of the solver, from each start in each of 4 stages (default: 32)",
     )
-    parser.add_argument("--seed", type=whole(0), default=0, metavar="N", help="of split, starts and batches")
+    parser.add_argument(
+        "--seed", type=whole(0), default=0, metavar="N", help="of the split, the starts and the batches (default: 0)"
+    )
     parser.add_argument("--report", metavar="DIR", help="folder for fit.json and fit.png")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
@@ -141,6 +147,7 @@ def _read(args: argparse.Namespace) -> list[tuple[Drive, SensorSeries]]:
         raise ConfigError(empty[0][1])
     held: list[tuple[Drive, SensorSeries]] = []
     untold: list[str] = []
+    begun = ""  # the log whose axis all must have
     with progress("reading", len(paths)) as advance:
         for path in paths:
             drive = read_log(path)
@@ -151,12 +158,11 @@ def _read(args: argparse.Namespace) -> list[tuple[Drive, SensorSeries]]:
             try:
                 series = drive.sensors[0] if args.sensor is None else drive.series(args.sensor)
             except (KeyError, IndexError):
-                raise ConfigError(f"{path}: has no sensor {'' if args.sensor is None else args.sensor}.") from None
-            first = held[0][1] if held else series
+                wanted = "sensor" if args.sensor is None else f"sensor {args.sensor}"
+                raise ConfigError(f"{path}: has no {wanted}.") from None
+            first, begun = held[0][1] if held else series, begun or path
             if series.sweeps.dtype != first.sweeps.dtype or series.range_m.tobytes() != first.range_m.tobytes():
-                raise ConfigError(
-                    f"{path}: has another range axis than {paths[0]}; tune to logs of one axis at a time."
-                )
+                raise ConfigError(f"{path}: has another range axis than {begun}; tune to logs of one axis at a time.")
             held.append((drive, series))
     if untold:
         print(f"jaxradar: {len(untold)} logs without truth are left out, {shown(untold[0])} first.", file=sys.stderr)
@@ -217,7 +223,6 @@ def _troubles(tuned: Tuned) -> Iterator[str]:
     """What went wrong in the last stage, why it matters and what to do."""
     ended = [one.outcomes[-1] for one in tuned.starts]
     count, taken = len(ended), ended[tuned.best]
-    starts = f"{count} {'start' if count == 1 else 'starts'}"
     starts = f"{count} {'start' if count == 1 else 'starts'}"
     late, broken = ended.count("out of steps"), ended.count("not finite")
     if late:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import cycle
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxradar.plots.style import BLUE, GREEN, ORANGE, VERMILION, WIDTH_IN, styled, titled
+from jaxradar.plots.style import BLUE, GREEN, GREY, ORANGE, VERMILION, WIDTH_IN, styled, titled
 from jaxradar.suite import CellScore, StepCell, Suite
 
 __all__ = ["plot_heights", "plot_roc"]
 
-_LOOKS = ((VERMILION, "o"), (BLUE, "s"), (GREEN, "^"), (ORANGE, "D"))
+_LOOKS = ((VERMILION, "o"), (BLUE, "s"), (GREEN, "^"), (ORANGE, "D"), (GREY, "v"))
 
 
 def plot_heights(suite: Suite, detector: str) -> Figure:
@@ -26,7 +27,7 @@ def plot_heights(suite: Suite, detector: str) -> Figure:
         figure = Figure(figsize=(WIDTH_IN, 0.55 * WIDTH_IN), layout="constrained")
         panels = figure.subplots(1, len(roads), sharey=True, squeeze=False)[0]
         for panel, road in zip(panels, roads, strict=True):
-            for speed, (color, marker) in zip(speeds[-4:], _LOOKS, strict=False):
+            for speed, (color, marker) in zip(speeds, cycle(_LOOKS), strict=False):
                 _curve(
                     [(c, s) for c, s in held.items() if c.road == road and c.speed_kmh == speed], panel, color, marker
                 )
@@ -34,9 +35,9 @@ def plot_heights(suite: Suite, detector: str) -> Figure:
             panel.set_xlabel("height of the step (mm)")
             panel.set_ylim(-3, 103)
         panels[0].set_ylabel("steps seen in time (%)")
-        panels[-1].legend([f"{speed:g} km/h" for speed in speeds[-4:]], loc="upper left")
+        panels[-1].legend([f"{speed:g} km/h" for speed in speeds], loc="upper left")
         figure.suptitle(
-            f"{detector}: what of a step it sees hangs on the road",
+            f"{detector}: steps seen early enough, of each height, on {len(roads)} roads",
             x=0.012,
             ha="left",
             fontsize=12.5,
@@ -57,7 +58,7 @@ def plot_roc(suite: Suite) -> Figure:
     with styled():
         figure = Figure(figsize=(WIDTH_IN, 0.55 * WIDTH_IN), layout="constrained")
         axes = figure.add_subplot()
-        for (name, rows), (color, marker) in zip(suite.roc.items(), _LOOKS, strict=False):
+        for (name, rows), (color, marker) in zip(suite.roc.items(), cycle(_LOOKS), strict=False):
             axes.plot(rows[:, 1], 100.0 * rows[:, 2], color=color, label=name)
             own = int(np.argmin(np.abs(np.log(np.maximum(rows[:, 0], 1e-9)))))
             if math.isfinite(rows[own, 0]) and rows[:, 0].min() <= 1.0 <= rows[:, 0].max():
@@ -69,5 +70,17 @@ def plot_roc(suite: Suite) -> Figure:
         axes.set_xlabel("false alarms an hour (half seconds without a step above the threshold)")
         axes.set_ylabel("steps seen in time (%)")
         axes.legend(loc="center right")
-        titled(figure, axes, "False alarms buy detections, at very different prices", f"{suite.roc_of}; all roads")
+        titled(figure, axes, _verdict(suite), f"{suite.roc_of}; all roads")
     return figure
+
+
+def _verdict(suite: Suite) -> str:
+    """What each detector sees at one false alarm an hour, as far as there was time to say."""
+    said = []
+    for name, rows in suite.roc.items():
+        rare = rows[rows[:, 1] <= 1.0]
+        if len(rare) and np.isfinite(rare[:, 2]).any():
+            said.append(f"{name} {100.0 * float(np.nanmax(rare[:, 2])):.0f} %")
+    if not said:
+        return "Steps seen over false alarms"
+    return f"Seen at one false alarm an hour: {', '.join(said)}"

@@ -98,7 +98,10 @@ def _threshold(said: np.ndarray, nothing: np.ndarray, probability: float) -> flo
     order = np.sort(said)[::-1]
     tail = np.cumsum(np.exp(-order)) / len(said)
     beyond = int(np.searchsorted(tail, probability))
-    sampled = float(order[min(beyond, len(order) - 1)]) if beyond else math.inf
+    # Where all that was drawn together is not as probable as that, any of it is beyond.
+    sampled = math.inf if not beyond else float(order[beyond]) if beyond < len(order) else -math.inf
+    if sampled == -math.inf:
+        sampled = min(float(np.nextafter(order[-1], -math.inf)), -math.log(probability))
     from scipy.special import ndtri
 
     gaussian = float(nothing.mean() - ndtri(probability) * nothing.std())

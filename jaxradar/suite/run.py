@@ -52,12 +52,14 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Quiet:
-    """Of one detector over roads without a step: detections, hours, and the largest statistic of each half second."""
+    """Of one detector over roads without a step: detections, hours, and the largest statistic of each half second once
+    detectors have settled, `settled_hours` together."""
 
     events: int
     drives_with: int
     drives: int
     hours: float
+    settled_hours: float = 0.0
     tops: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
@@ -95,7 +97,7 @@ def measure_negative(
     """What each detector raises in `count` drives without a step."""
     events, with_any = dict.fromkeys(detectors, 0), dict.fromkeys(detectors, 0)
     tops: dict[str, list[np.ndarray]] = {name: [] for name in detectors}
-    done, hours = 0, 0.0
+    done, hours, settled_hours = 0, 0.0, 0.0
     for drives in _batches(negative.name, negative.scenes, count, seed, seeds):
         made = [drive for _, drive in drives]
         batch = _stacked(made, detectors)
@@ -111,10 +113,15 @@ def measure_negative(
                 np.where(block == one, found["statistic"], 0.0).max(axis=1) for one in range(int(block.max()) + 1)
             ]
             tops[name].append(np.concatenate(of_block))
-        hours += sum(drive.sensors[0].duration_s for drive in made) / 3600.0
+        durations = np.array([drive.sensors[0].duration_s for drive in made])
+        hours += float(durations.sum()) / 3600.0
+        settled_hours += float(np.maximum(durations - SETTLED_S, 0.0).sum()) / 3600.0
         done += len(made)
         told(done)
-    return {name: Quiet(events[name], with_any[name], done, hours, np.concatenate(tops[name])) for name in detectors}
+    return {
+        name: Quiet(events[name], with_any[name], done, hours, settled_hours, np.concatenate(tops[name]))
+        for name in detectors
+    }
 
 
 def _batches(
@@ -177,8 +184,8 @@ def _joined(parts: Iterable[Found]) -> Found:
 
 
 def threshold_at(tops: np.ndarray, hours: float, per_hour: float = 1.0) -> float:
-    """The threshold that so many half seconds an hour exceed; infinite where there is not time enough to say."""
+    """The least threshold that no more half seconds an hour exceed; infinite where there is not time enough to say."""
     most = math.floor(per_hour * hours)
-    if most < 1 or most > len(tops):
+    if most < 1:
         return math.inf
-    return float(np.sort(tops)[-most])
+    return float(np.sort(tops)[-most - 1]) if most < len(tops) else 0.0

@@ -63,11 +63,12 @@ def base_scene(surface: Surface, **changed: Any) -> RoadScene:
 
 
 def lead_allowed_s(scene: RoadScene, speed_m_s: float, height_m: float) -> float:
-    """How long before the impact the line of sight of a sensor at 45° meets the step: (overhang + H − L)/v, with
-    L = √(2 r h − h²) where the tyre touches a step up (requirements, 2A)."""
+    """How long before the impact the sensor's line of sight meets the step: (overhang + H/tan α − L)/v, α its angle to
+    the road, 45° as a rule, with L = √(2 r h − h²) where the tyre touches a step up (requirements, 2A)."""
     assert scene.vehicle is not None
     reach = contact_m(max(height_m, 0.0), float(scene.vehicle.tyre_radius_m))
-    return float((scene.mount.front_wheel_m + scene.mount.height_m - reach) / speed_m_s)
+    sight = float(scene.mount.height_m) / math.tan(math.radians(float(scene.mount.angle_deg)))
+    return float((scene.mount.front_wheel_m + sight - reach) / speed_m_s)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,7 +85,6 @@ class StepCell:
     rough: bool = False
     change_m_s2: float = 0.0
     oblique_deg: float = 0.0
-    lateral_m: float = 0.0
     mount: tuple[tuple[str, float], ...] = ()
 
     @property
@@ -101,7 +101,7 @@ class StepCell:
         scene = dataclasses.replace(
             scene,
             radar=dataclasses.replace(scene.radar, **dict(self.radar)),
-            mount=dataclasses.replace(scene.mount, lateral_m=self.lateral_m, **dict(self.mount)),
+            mount=dataclasses.replace(scene.mount, **dict(self.mount)),
             effects=(noise, *scene.effects[1:]),
             roughness=Roughness("B") if self.rough else None,
         )

@@ -87,7 +87,9 @@ def run_suite(
             quiet[name][negative.name] = one
         done += negative.duration_s * part
     thresholds = {
-        name: threshold_at(np.concatenate([one.tops for one in held.values()]), sum(one.hours for one in held.values()))
+        name: threshold_at(
+            np.concatenate([one.tops for one in held.values()]), sum(one.settled_hours for one in held.values())
+        )
         for name, held in quiet.items()
     }
     found: dict[str, dict[StepCell, Found]] = {name: {} for name in detectors}
@@ -99,7 +101,7 @@ def run_suite(
     return Suite(
         quiet={name: {key: _quiet(one) for key, one in held.items()} for name, held in quiet.items()},
         cells={name: {key: _score(one, thresholds[name]) for key, one in held.items()} for name, held in found.items()},
-        thresholds={name: thresholds[name] / float(detectors[name].threshold) for name in detectors},
+        thresholds={name: _times(thresholds[name], detectors[name]) for name in detectors},
         roc={name: _roc(quiet[name], [found[name][cell] for cell in usual], detectors[name]) for name in detectors},
         roc_of="steps up of 20 mm and more at 10 km/h and more",
     )
@@ -128,12 +130,23 @@ def _score(one: Found, threshold: float) -> CellScore:
 def _roc(quiet: Mapping[str, Quiet], found: Sequence[Found], detector: StepDetector[Any, Any]) -> np.ndarray:
     """Rates of false alarms and of detections over the threshold."""
     tops = np.sort(np.concatenate([one.tops for one in quiet.values()]))[::-1]
-    hours = sum(one.hours for one in quiet.values())
+    hours = sum(one.settled_hours for one in quiet.values())
     steps = np.sort(np.concatenate([one.top for one in found])) if found else np.zeros(0)
     ranks = np.unique(np.geomspace(1, len(tops), 60).astype(int)) - 1
     thresholds = tops[ranks]
-    share = 1.0 - np.searchsorted(steps, thresholds, side="right") / max(len(steps), 1)
-    return np.stack([thresholds / float(detector.threshold), (ranks + 1) / hours, share], axis=1)
+    share = np.full(len(thresholds), math.nan)
+    if len(steps):
+        share = 1.0 - np.searchsorted(steps, thresholds, side="right") / len(steps)
+    times = np.array([_times(one, detector) for one in thresholds])
+    # Of equal ones none exceeds itself.
+    exceed = np.searchsorted(-tops, -thresholds, side="left")
+    return np.stack([times, exceed / hours, share], axis=1)
+
+
+def _times(threshold: float, detector: StepDetector[Any, Any]) -> float:
+    """A threshold as a multiple of a detector's own."""
+    own = float(detector.threshold)
+    return threshold / own if own > 0 else math.nan
 
 
 def suite_record(suite: Suite) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,6 +46,7 @@ BEFORE_M = 3.0
 CLEAR_M = 0.45  # so far before the edge the road counts as flat
 SPEED_SHARE, PLACE_M = 0.1, 0.03  # scatter of an approach's speed and place
 LONGEST_LAG = 12
+LONGEST_GAP_S = 0.05  # between samples of an acceleration that is integrated
 
 
 class HeightFinder(Settings):
@@ -121,10 +122,9 @@ def step_height(
     road = dataclasses.replace(series, flags=np.where(before, 0, 1).astype(np.uint16))
     flat = calibrate(road, finder.beam, ANGLES_DEG)
     look_s = float(finder.look_s)
-    rise = None
-    if motion is not None and motion.acceleration_m_s2 is not None:
+    rise = _rise(motion, passes - float(finder.ahead_m) / speed, passes + look_s, float(finder.lever))
+    if rise is not None:
         look_s = float(finder.look_measured_s)
-        rise = _rise(motion, passes - float(finder.ahead_m) / speed, float(finder.lever))
     window = use & (times >= passes - float(finder.ahead_m) / speed) & (times <= passes + look_s)
     if not (window & (times > passes)).any():
         raise ConfigError(f"no sweep with data after the step at {passes:.3f} s; its height is not known.")
@@ -217,14 +217,21 @@ def _expected(event: StepEvent, speed: float, approach: ApproachDetector) -> tup
     return event.time_s + until, math.hypot(SPEED_SHARE * until, PLACE_M / speed)
 
 
-def _rise(motion: Motion, from_s: float, lever: float) -> Any:
-    """The sensor's rise in metres over time: the acceleration integrated twice, both 0 at `from_s`."""
-    channel = motion.acceleration_m_s2
-    assert channel is not None
-    times, values = channel.times_s, np.nan_to_num(channel.values)
+def _rise(motion: Motion | None, from_s: float, until_s: float, lever: float) -> Callable[[np.ndarray], Any] | None:
+    """The sensor's rise in metres over time: the acceleration integrated twice, both 0 at `from_s`; NaN beyond the end
+    of what was recorded. None where that does not cover the time from `from_s` to `until_s`, or has gaps."""
+    channel = None if motion is None else motion.acceleration_m_s2
+    if channel is None:
+        return None
+    some = np.isfinite(channel.values) & (channel.times_s >= from_s - LONGEST_GAP_S)
+    times, values = channel.times_s[some], channel.values[some]
+    within = np.concatenate([[from_s], times[(times > from_s) & (times < until_s)], [until_s]])
+    covers = times.size > 1 and times[0] <= from_s + LONGEST_GAP_S and times[-1] >= until_s - LONGEST_GAP_S
+    if not covers or np.diff(within).max() > LONGEST_GAP_S:
+        return None
     later = times >= from_s
     times, values = times[later], values[later]
     steps = np.diff(times)
     climb = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * steps)])
     rise = np.concatenate([[0.0], np.cumsum(0.5 * (climb[1:] + climb[:-1]) * steps)])
-    return lambda at: lever * np.interp(at, times, rise)
+    return lambda at: lever * np.interp(at, times, rise, right=math.nan)

@@ -23,7 +23,9 @@ from jaxradar.survey.ground import Beam, Ground, strip_powers
 __all__ = ["Car", "Passage", "height_likelihood", "road_table", "slopes_of"]
 
 USUAL_M = 0.04  # height of a step whose body sets what a sweep counts
-CLIMB = tuple(1.0 - math.sqrt(1.0 - share) for share in (0.125, 0.375, 0.625, 0.875))
+# Where on its way over an edge a wheel has made these shares of the height: steep at first up, at last down.
+SHARES = (0.125, 0.375, 0.625, 0.875)
+CLIMB, DROP = tuple(1.0 - math.sqrt(1.0 - one) for one in SHARES), tuple(math.sqrt(one) for one in SHARES)
 
 
 class Passage(NamedTuple):
@@ -97,7 +99,8 @@ def _body(car: Car, passage: Passage, pass_s: Array, height_m: Array) -> tuple[A
     size = jnp.minimum(jnp.abs(height_m), car.tyre_m)
     reach = jnp.sqrt(jnp.maximum(2.0 * car.tyre_m * size - size**2, 1e-12))
     touches = pass_s + (car.front_wheel_m - jnp.where(height_m > 0, reach, 0.0)) / passage.speed_m_s
-    since = passage.times_s[:, None] - touches - jnp.asarray(CLIMB) * reach / passage.speed_m_s
+    way = jnp.where(height_m > 0, jnp.asarray(CLIMB), jnp.asarray(DROP)) * reach
+    since = passage.times_s[:, None] - touches - way / passage.speed_m_s
     t = jnp.maximum(since - car.lag_s, 0.0)
     root = jnp.sqrt(1.0 - car.damping**2)
     turn = car.omega * root * t

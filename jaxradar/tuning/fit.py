@@ -41,13 +41,13 @@ class Plan:
     starts: int = 4
     candidates: int = 32
     spread: float = 1.5
-    temperatures: tuple[float, ...] = (0.3, 0.1, 0.05)
+    temperatures: tuple[float, ...] = (0.3, 0.1, 0.03, 0.01)
     steps: int = 32
     logs: int = 64
     seed: int = 0
 
 
-Outcome = Literal["converged", "out of steps", "not finite"]
+Ending = Literal["converged", "out of steps", "not finite"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Start:
 
     vectors: np.ndarray
     costs: np.ndarray
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[Ending, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,7 +111,7 @@ def tune(
     order = np.argsort(value(few, drawn))
     vectors = np.vstack([own, drawn[order[: plan.starts - 1]]])
     held, scores = [vectors], [value(kept, vectors)]
-    outcomes: list[list[Outcome]] = []
+    outcomes: list[list[Ending]] = []
     if not np.isfinite(scores[0]).any():
         raise ConfigError("no start has a finite cost on the drives kept for validation.")
     waited = 0
@@ -138,7 +138,9 @@ def tune(
         )
         for place in range(len(vectors))
     )
-    tuned = space.detector_at(detector, vectors[best])
+    # A setting on a bound has no place in the vector: what was not moved is given back as it was.
+    stayed = np.array_equal(vectors[best], own)
+    tuned = detector if stayed else space.detector_at(detector, vectors[best])
     return Tuned(tuned, space, vectors[best], float(scores[0][0]), float(scores[-1][best]), starts, best)
 
 
@@ -191,10 +193,10 @@ def _solve_all(
     temperature: float,
     vectors: np.ndarray,
     steps: int,
-) -> tuple[np.ndarray, list[Outcome]]:
+) -> tuple[np.ndarray, list[Ending]]:
     """Each start by itself: none waits for the slowest line search."""
 
-    def one(vector: np.ndarray) -> tuple[np.ndarray, Outcome]:
+    def one(vector: np.ndarray) -> tuple[np.ndarray, Ending]:
         with precision(detector):  # a context of JAX belongs to one thread
             dtype = jnp.result_type(float)
             moved, cost, converged = _solve(

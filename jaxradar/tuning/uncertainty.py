@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxradar._numerics import compiled_filtered
 from jaxradar.systems.step import StepDetector, precision
 from jaxradar.tuning.examples import Examples
 from jaxradar.tuning.fit import Tuned
@@ -107,7 +107,7 @@ def _together(
     return [tuple(int(other) for other in np.flatnonzero(row)) for row in linked]
 
 
-@eqx.filter_jit
+@compiled_filtered
 def _slopes(
     space: Space, detector: Any, costs: Costs, examples: Examples, temperature: float, vector: jax.Array
 ) -> jax.Array:

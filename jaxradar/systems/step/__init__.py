@@ -4,7 +4,7 @@ from jaxradar.systems.step.approach import ApproachDetector
 from jaxradar.systems.step.batch import detect_batch
 from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector
 from jaxradar.systems.step.default import DefaultDetector
-from jaxradar.systems.step.files import DETECTORS, DetectorFile, dump_detector, load_detector
+from jaxradar.systems.step.files import DETECTORS, DetectorFile, dump_detector, load_detector, with_mounting
 from jaxradar.systems.step.filtered_rate import FilteredRateDetector
 from jaxradar.systems.step.innovation import InnovationDetector
 from jaxradar.systems.step.lab_live import LabLiveDetector
@@ -56,4 +56,5 @@ __all__ = [
     "stack",
     "thin",
     "time_steps",
+    "with_mounting",
 ]

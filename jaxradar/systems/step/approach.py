@@ -73,7 +73,8 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
     `tilt_near`, as a corner does on its way. Evidence never falls below 0. A detection is evidence above `evidence`, on
     any track; hysteresis and a refractory time make one detection of one step.
 
-    It needs neither the speed nor more than about the height of the sensor. A step down has no corner, and is not seen.
+    Evidence that would go on by more than five places within a sweep, 150 mm, is dropped: 45 km/h want 83 sweeps/s. It
+    needs neither the speed nor more than about the height of the sensor. A step down has no corner, and is not seen.
     """
 
     name: ClassVar[str] = "approach"
@@ -118,7 +119,8 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
     @classmethod
     def from_false_alarm_rate(cls, per_hour: float = 1.0, *, rate_hz: float, **settings: Any) -> ApproachDetector:
         """With the threshold from theory: at most so many false alarms an hour where noise and speckle are Rayleigh
-        distributed, and independent from look to look.
+        distributed, and independent from look to look; and where some range cell shows bare noise, as otherwise the
+        road is taken for noise that is another one in each sweep.
 
         ln(places at which evidence may begin in an hour / `per_hour`), by Ville's inequality for each of them: an upper
         bound, as neighbouring tracks share most of what they see. Raises `ValueError` for a rate that is not above 0.
@@ -128,7 +130,10 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         if "evidence" in settings:
             raise ValueError("`evidence` follows from the rate of false alarms; leave it out.")
         made = cls(**settings)
-        return bounded(made, evidence=math.log(3600.0 * rate_hz * made.speeds * made.places / per_hour))
+        places = 3600.0 * rate_hz * made.speeds * made.places
+        if per_hour >= places:
+            raise ValueError(f"`per_hour` must be below {places:g}, as often as a track begins; got {per_hour}.")
+        return bounded(made, evidence=math.log(places / per_hour))
 
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> ApproachObservation:
         return self.observed(axis.averaged(finite(sweep), self.bins_per_cell(axis)), flags)
@@ -232,7 +237,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         elapsed = jnp.where(tracking, jnp.maximum(dt, 0.0), 0.0)
         now = observation.cells**2
         # A sweep without data begins nothing: it would take the place of what is known.
-        begins = fresh | (goes_on & (state.age_s <= 0))
+        begins = fresh | (goes_on & state.stood & (state.age_s <= 0))
         before = jnp.where(begins, now, state.power)
         mean = jnp.where(begins, observation.cells, state.mean)
         stands = goes_on & state.stands

@@ -13,7 +13,7 @@ from jaxradar.systems.step.approach_states import Bank, Places, Speeds
 
 __all__ = ["cost", "largest_place", "means_around", "moved_on"]
 
-LONGEST_JUMP = 5  # places that evidence may move on within one sweep: 125 mm at 45 km/h and 100 Hz are three
+LONGEST_JUMP = 5  # places that evidence may move on within one sweep: at 45 km/h and 100 Hz it moves on by four
 
 
 def cost(tilt: Places) -> Places:
@@ -31,7 +31,8 @@ def means_around(cells: int, reach: int) -> np.ndarray:
 
 
 def moved_on(evidence: Bank, travel: Speeds, places: Speeds) -> tuple[Bank, Speeds]:
-    """Evidence of each speed moved by the whole number of places nearest to its way, the rest kept for later."""
+    """Evidence of each speed moved by the whole number of places nearest to its way, the rest kept for later; dropped
+    where that is more than `LONGEST_JUMP`."""
     way = travel + places
     whole = jnp.floor(jax.lax.stop_gradient(way) + 0.5)
     count = evidence.shape[1]

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from jaxradar._errors import ConfigError
-from jaxradar._settings import Settings, declared, parts, read_settings, settings_lines
+from jaxradar._settings import Settings, bounded, declared, parts, read_settings, settings_lines
 from jaxradar._toml import check_keys, nearest, read_toml, toml_line, toml_value
 from jaxradar.drive import Mounting
 from jaxradar.systems.step.approach import ApproachDetector
@@ -42,7 +42,7 @@ from jaxradar.systems.step.range_rate import RangeRateDetector
 from jaxradar.systems.step.shift import ShiftDetector
 from jaxradar.systems.step.thesis import ThesisDetector
 
-__all__ = ["DETECTORS", "DetectorFile", "dump_detector", "load_detector"]
+__all__ = ["DETECTORS", "DetectorFile", "dump_detector", "load_detector", "with_mounting"]
 
 FORMAT = 1
 DETECTORS: dict[str, type[StepDetector[Any, Any]]] = {
@@ -143,6 +143,17 @@ def _table(path: str, tables: dict[str, Any], key: str) -> dict[str, Any]:
     if not isinstance(table, dict):
         raise ConfigError(f"{path}: [{key}] must be a table; got {table!r}.")
     return table
+
+
+def with_mounting(detector: StepDetector[Any, Any], mounting: Mounting) -> StepDetector[Any, Any]:
+    """The same detector for a sensor that sits so: what of the mounting is known, as far as the detector uses it."""
+    if isinstance(detector, DefaultDetector) and detector.approach is not None:
+        approach: Any = with_mounting(detector.approach, mounting)
+        return dataclasses.replace(detector, approach=approach)
+    if not isinstance(detector, ApproachDetector):
+        return detector
+    known = {"height_m": mounting.height_m, "front_wheel_m": mounting.front_wheel_m}
+    return bounded(detector, **{name: value for name, value in known.items() if value is not None})
 
 
 def dump_detector(file: DetectorFile | str) -> str:

@@ -40,13 +40,14 @@ class SequentialTest(eqx.Module):
 
 class InnovationState(eqx.Module):
     """`estimate`: range and rate, m and m/s. `test`: the running sums. `typical`: running mean magnitude of the
-    whitened innovations. `age_s`: time since the filter began, `gap_s`: since the last valid sweep, `quiet_s`: since
-    the last detection. `tracking`: whether there is anything to go on from, `armed`: whether the statistic has been low
-    since the last detection; `moves`: whether the car was known to."""
+    whitened innovations, over `scaled_s` so far. `age_s`: time since the filter began, `gap_s`: since the last valid
+    sweep, `quiet_s`: since the last detection. `tracking`: whether there is anything to go on from, `armed`: whether
+    the statistic has been low since the last detection; `moves`: whether the car was known to."""
 
     estimate: Gaussian
     test: SequentialTest
     typical: Scalar
+    scaled_s: Scalar
     age_s: Scalar
     gap_s: Scalar
     quiet_s: Scalar
@@ -127,7 +128,13 @@ class InnovationDetector(StepDetector[SweepPeak, InnovationState]):
             raise ValueError("`limit` follows from the rate of false alarms; leave it out.")
         made = cls(**{**settings, "range_noise_m": sd_m})
         if made.test == "cusum":
-            return bounded(made, limit=cusum_threshold(0.5 * per_hour, rate_hz, float(made.reference)))
+            try:
+                limit = cusum_threshold(0.5 * per_hour, rate_hz, float(made.reference))
+            except ValueError:
+                raise ValueError(
+                    f"`per_hour` must be above 0, and less than there are alarms at a threshold of 0; got {per_hour}."
+                ) from None
+            return bounded(made, limit=limit)
         return bounded(made, limit=glr_threshold(per_hour, rate_hz, made.window))
 
     def observe(self, axis: RangeAxis, sweep: RawSweep, flags: Flags) -> SweepPeak:
@@ -149,7 +156,7 @@ class InnovationDetector(StepDetector[SweepPeak, InnovationState]):
         zero, no = jnp.zeros(()), jnp.zeros((), bool)
         begin = Gaussian(jnp.zeros(2), jnp.eye(2))
         test = SequentialTest(zero, zero, jnp.zeros(self.window if self.test == "glr" else 0))
-        return InnovationState(begin, test, zero, zero, zero, jnp.asarray(FAR_S, float), no, ~no, no)
+        return InnovationState(begin, test, zero, zero, zero, zero, jnp.asarray(FAR_S, float), no, ~no, no)
 
     def track(
         self,
@@ -170,7 +177,8 @@ class InnovationDetector(StepDetector[SweepPeak, InnovationState]):
         settled = compared & (age >= self.settle_s)
         estimate, white = self.take_in(ahead, observation.range_m, noise * scale, compared, settled)
         # What is scaled already tells the running scale how far it is off.
-        share = jnp.where(settled, elapsed / (jnp.minimum(self.scale_s, age - self.settle_s) + elapsed + 1e-9), 0.0)
+        scaled = jnp.where(fresh, 0.0, state.scaled_s)
+        share = jnp.where(settled, elapsed / (jnp.minimum(self.scale_s, scaled) + elapsed + 1e-9), 0.0)
         typical = state.typical + share * (jnp.minimum(jnp.abs(white), self.most) * scale - state.typical)
         test, statistic = self.sum_up(state.test, jnp.clip(white, -self.most, self.most), settled)
 
@@ -184,6 +192,7 @@ class InnovationDetector(StepDetector[SweepPeak, InnovationState]):
             estimate=estimate,
             test=jax.tree.map(lambda one: jnp.where(begins, 0.0, one), test),
             typical=jnp.where(fresh, 0.0, typical),
+            scaled_s=scaled + jnp.where(settled, elapsed, 0.0),
             age_s=jnp.where(begins, 0.0, age),
             gap_s=jnp.where(seen, 0.0, gap),
             quiet_s=jnp.where(event, 0.0, quiet),

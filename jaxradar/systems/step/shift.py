@@ -242,8 +242,10 @@ class ShiftDetector(StepDetector[ProfileObservation, ShiftState]):
         statistic = jnp.where(sudden, evidence.statistic, 0.0)
         age = jnp.where(recalled.fresh, 0.0, state.age_s + jnp.maximum(dt, 0.0))
         quiet = state.quiet_s + jnp.maximum(dt, 0.0)
-        ready = (age >= self.settle_s) & state.armed & (gap > 0)
-        event = compared & ready & evidence.explains & (statistic > self.evidence)
+        # What can be no detection is no evidence of one either.
+        counts = compared & (age >= self.settle_s) & (gap > 0) & evidence.explains
+        shown = jnp.where(counts, statistic, 0.0)
+        event = state.armed & (shown > self.evidence)
         # Motion that never stops would keep the evidence up: after a while it may speak again all the same.
         rested = (statistic < self.release) | (quiet >= LONGEST_SILENCE * self.refractory_s)
         rearmed = rested & (quiet >= self.refractory_s)
@@ -278,7 +280,7 @@ class ShiftDetector(StepDetector[ProfileObservation, ShiftState]):
                 0.0,
             ),
             strength=observation.strength,
-            statistic=statistic,
+            statistic=shown,
             impact_in_s=jnp.zeros_like(range_m),
             valid=seen,
             saturated=observation.saturated,
