@@ -49,7 +49,7 @@ def oracle(detector: InnovationDetector, range_m: np.ndarray, acceleration: np.n
     noise = density * np.array([[DT**3 / 3, DT**2 / 2], [DT**2 / 2, DT]])
     step = np.array([[1.0, DT], [0.0, 1.0]])
     mean, covariance = np.array([range_m[0], 0.0]), np.diag([0.03**2, 0.1**2])
-    up = down = typical = age = 0.0
+    up = down = typical = age = scaled = 0.0
     latest: list[float] = []
     out = [0.0]
     for k in range(1, len(range_m)):
@@ -68,7 +68,8 @@ def oracle(detector: InnovationDetector, range_m: np.ndarray, acceleration: np.n
         covariance = covariance - np.outer(gain, gain) * variance
         statistic = 0.0
         if settled:
-            share = DT / (min(get("scale_s"), age - get("settle_s")) + DT + 1e-9)
+            share = DT / (min(get("scale_s"), scaled) + DT + 1e-9)
+            scaled += DT
             typical += share * (min(abs(white), get("most")) * scale - typical)
             up, down = max(up + clipped - get("reference"), 0.0), max(down - clipped - get("reference"), 0.0)
             latest = [clipped, *latest[: detector.window - 1]]
@@ -169,7 +170,7 @@ def test_springs_that_are_measured_raise_less_than_those_that_are_not() -> None:
 
 def test_a_car_that_moves_is_believed_less() -> None:
     rng = np.random.default_rng(2)
-    noisy = 0.4 + rng.normal(0, 0.02, (1, 300))
+    noisy = 0.4 + rng.normal(0, 0.01, (1, 300))
     yes, no, none = jnp.ones((1, 300), bool), jnp.zeros((1, 300), bool), jnp.zeros((1, 300))
     made = InnovationDetector(limit=1e6, scale_s=100.0)
     standing = decided(made, noisy, MotionSample(none, none, none, no, no, yes))
@@ -227,10 +228,10 @@ def test_it_has_a_name_and_a_file(tmp_path: Any) -> None:
 def test_motion_comes_in_by_the_front_door() -> None:
     one = over_a_step(120, at=60, shift_m=0.0)
     random = np.random.default_rng(4)
-    counts = np.clip(one.sweeps + random.normal(0.0, 5.0, one.sweeps.shape), 0.0, None)
+    counts = np.clip(one.sweeps + random.normal(0.0, 60.0, one.sweeps.shape), 0.0, None)
     one = dataclasses.replace(one, sweeps=np.rint(counts).astype(np.uint16))
     fast = Channel(one.times_ns, np.full(len(one), 10.0))
     assert one.times_ns[1] == NANOSECONDS // 100
-    made = InnovationDetector(limit=1e6, range_noise_m=1e-6, moving_noise_m=0.05)
+    made = InnovationDetector(limit=1e6, range_noise_m=1e-6, moving_noise_m=0.002)
     driving, unknown = detect(made, one, Motion(speed_m_s=fast)), detect(made, one)
     assert 0 < driving.statistic.max() < unknown.statistic.max()

@@ -66,9 +66,27 @@ def test_the_likelihood_is_that_of_exponential_power() -> None:
 def test_the_rise_is_the_acceleration_integrated_twice() -> None:
     times = np.arange(0.0, 1.0, 0.002)
     swing = Channel((times * NANOSECONDS).astype(np.int64), np.where(times > 0.2, 3.0, 0.0))
-    rise = _rise(Motion(acceleration_m_s2=swing), 0.1, 1.125)
-    assert rise(0.5) == pytest.approx(1.125 * 0.5 * 3.0 * 0.3**2, rel=0.02)
-    assert rise(0.15) == 0.0
+    rise = _rise(Motion(acceleration_m_s2=swing), 0.1, 0.5, 1.125)
+    assert rise is not None
+    assert rise(np.array(0.5)) == pytest.approx(1.125 * 0.5 * 3.0 * 0.3**2, rel=0.02)
+    assert rise(np.array(0.15)) == 0.0
+    assert np.isnan(rise(np.array(1.1)))  # not recorded any more
+
+
+@pytest.mark.parametrize("lost", ["none of it", "the end", "the beginning", "the middle"])
+def test_an_acceleration_that_was_not_recorded_is_no_rise(lost: str) -> None:
+    times = np.arange(0.0, 1.0, 0.002)
+    values = np.ones(500)
+    values[
+        {"none of it": slice(0), "the end": slice(180, 500), "the beginning": slice(80), "the middle": slice(100, 130)}[
+            lost
+        ]
+    ] = np.nan
+    channel = Channel((times * NANOSECONDS).astype(np.int64), values)
+    rise = _rise(Motion(acceleration_m_s2=channel), 0.1, 0.5, 1.0)
+    assert (rise is None) == (lost != "none of it")
+    assert _rise(None, 0.1, 0.5, 1.0) is None
+    assert _rise(Motion(), 0.1, 0.5, 1.0) is None
 
 
 def test_scores_that_are_shared_say_less() -> None:
