@@ -43,7 +43,12 @@ Drives and figures:
 - `simulate`: drive through a scene, `load_scene` gives one by name or from a TOML file; the rest is in `jaxradar.sim`.
 - `plot_drive`, `plot_sweeps`: figures of a series and of what was found in it.
 
-Accuracy against time is measured by `jaxradar.pareto`, with the tasks of `jaxradar.tasks`.
+More, each in a package of its own:
+
+- `jaxradar.survey`: two sensors side by side, the height of a step, the mounting of a sensor out of a flat road.
+- `jaxradar.tuning`: settings of a detector out of drives whose truth is known.
+- `jaxradar.suite`: which steps a detector sees, and what it raises for nothing.
+- `jaxradar.pareto`: accuracy against time, with the tasks of `jaxradar.tasks`.
 
 What a user can get wrong is said in one sentence:
 

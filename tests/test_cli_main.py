@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from jaxradar.cli import evaluate, main
+from jaxradar.cli._output import _tenths
 
 COMMANDS = [
     *(
@@ -180,3 +181,12 @@ def test_ctrl_c_leaves_the_process_at_once() -> None:
     )
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, check=False)
     assert (ran.returncode, ran.stdout, ran.stderr) == (130, b"", b"jaxradar: stopped.\n")
+
+
+def test_long_work_says_each_tenth_off_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    told = _tenths("driving", quiet_s=0.0)
+    for share in (0.05, 0.11, 0.12, 0.31, 1.0):
+        told("a cell", share)
+    assert capsys.readouterr().err.splitlines() == [f"jaxradar: driving: {tenth} %, a cell" for tenth in (10, 30, 100)]
+    _tenths("driving")("a cell", 0.5)
+    assert capsys.readouterr().err == ""

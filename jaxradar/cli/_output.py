@@ -6,6 +6,7 @@ import json
 import math
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -175,15 +176,29 @@ def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Callable
 
 @contextmanager
 def told_shares(what: str, note: str) -> Iterator[Callable[[str, float], None]]:
-    """A bar for long work that says itself what it is at and what share is done; off a terminal one line, `note`."""
+    """A bar for long work that says itself what it is at and what share is done; off a terminal a line, `note`, and one
+    for each tenth of what takes longer than a minute."""
+    if not sys.stderr.isatty():
+        print(f"jaxradar: {note} ...", file=sys.stderr)
+        yield _tenths(what)
+        return
     from rich.progress import Progress
 
-    visible = sys.stderr.isatty()
-    if not visible:
-        print(f"jaxradar: {note} ...", file=sys.stderr)
-    with Progress(console=console(sys.stderr), transient=True, disable=not visible) as bar:
+    with Progress(console=console(sys.stderr), transient=True) as bar:
         task = bar.add_task(what, total=1.0)
         yield lambda name, share: bar.update(task, completed=share, description=name)
+
+
+def _tenths(what: str, quiet_s: float = 60.0) -> Callable[[str, float], None]:
+    began, said = time.monotonic(), 0
+
+    def told(name: str, share: float) -> None:
+        nonlocal said
+        if int(10.0 * share) > said and time.monotonic() - began > quiet_s:
+            said = int(10.0 * share)
+            print(f"jaxradar: {what}: {10 * said} %, {shown(name)}", file=sys.stderr, flush=True)
+
+    return told
 
 
 def write_text(path: Path, text: str) -> None:

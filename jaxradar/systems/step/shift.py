@@ -1,4 +1,4 @@
-"""The detector to use: a step moves the whole echo, a fade or another patch of road does not."""
+"""A shift of the whole echo: a step moves all of it, a fade or another patch of road does not."""
 
 from __future__ import annotations
 
