@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from itertools import cycle
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxradar.plots.style import BLUE, GREEN, GREY, ORANGE, VERMILION, WIDTH_IN, styled, titled
@@ -35,7 +36,7 @@ def plot_heights(suite: Suite, detector: str) -> Figure:
             panel.set_xlabel("height of the step (mm)")
             panel.set_ylim(-3, 103)
         panels[0].set_ylabel("steps seen in time (%)")
-        panels[-1].legend([f"{speed:g} km/h" for speed in speeds], loc="upper left")
+        panels[-1].legend(loc="upper left")
         figure.suptitle(
             f"{detector}: steps seen early enough, of each height, on {len(roads)} roads",
             x=0.012,
@@ -46,11 +47,18 @@ def plot_heights(suite: Suite, detector: str) -> Figure:
     return figure
 
 
-def _curve(held: Sequence[tuple[StepCell, CellScore]], panel: object, color: str, marker: str) -> None:
+def _curve(held: Sequence[tuple[StepCell, CellScore]], panel: Axes, color: str, marker: str) -> None:
     ordered = sorted(held, key=lambda one: one[0].height_m)
-    x = [1e3 * cell.height_m for cell, _ in ordered]
-    y = np.array([(one.in_time.low, one.in_time.value, one.in_time.high) for _, one in ordered]).T * 100.0
-    panel.errorbar(x, y[1], yerr=np.abs(y[[0, 2]] - y[1]), color=color, marker=marker, ms=5, capsize=2)  # type: ignore[attr-defined]
+    label = f"{ordered[0][0].speed_kmh:g} km/h" if ordered else None
+    # Steps down and steps up are different things: no line leads from the one to the other.
+    for some in ([one for one in ordered if one[0].height_m < 0], [one for one in ordered if one[0].height_m > 0]):
+        if not some:
+            continue
+        x = [1e3 * cell.height_m for cell, _ in some]
+        y = np.array([(one.in_time.low, one.in_time.value, one.in_time.high) for _, one in some]).T * 100.0
+        errors = np.abs(y[[0, 2]] - y[1])
+        panel.errorbar(x, y[1], yerr=errors, color=color, marker=marker, ms=5, capsize=2, label=label)
+        label = None
 
 
 def plot_roc(suite: Suite) -> Figure:
@@ -69,7 +77,7 @@ def plot_roc(suite: Suite) -> Figure:
         axes.set_ylim(-3, 103)
         axes.set_xlabel("false alarms an hour (half seconds without a step above the threshold)")
         axes.set_ylabel("steps seen in time (%)")
-        axes.legend(loc="center right")
+        axes.legend(loc="center left")
         titled(figure, axes, _verdict(suite), f"{suite.roc_of}; all roads")
     return figure
 
