@@ -18,6 +18,9 @@ from jaxradar.systems.step.shift import ShiftDetector
 __all__ = ["DefaultDetector", "DefaultObservation", "DefaultState"]
 
 
+SHOWN = 0.75  # of its threshold: so much evidence of a corner is seldom of noise
+
+
 class DefaultObservation(NamedTuple):
     """What each part sees of one sweep, `ApproachObservation` and `ProfileObservation`; None of a part that is off."""
 
@@ -132,7 +135,7 @@ class DefaultDetector(StepDetector[DefaultObservation, DefaultState]):
         shown, event, statistic = found[-1], found[-1].event, shares[-1]
         if self.approach is not None and self.shift is not None:
             # Weak evidence of a corner is of noise: the echo is shown then that `shift` follows.
-            near = (shares[0] > self.approach.release) & (shares[0] > shares[1])
+            near = (shares[0] > SHOWN) & (shares[0] > shares[1])
             shown = jax.tree.map(lambda corner, echo: jnp.where(near, corner, echo), found[0], found[1])
             event, statistic = found[0].event | found[1].event, jnp.maximum(*shares)
         event = event & (quiet > self.refractory_s)
