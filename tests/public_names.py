@@ -22,10 +22,8 @@ ELSEWHERE: dict[str, str] = {
     "cluster": "sends work elsewhere",
     "drive": "holds recordings",
     "drivefile": "reads and writes files",
-    "estimate.bounds": "runs on the host in float64: test_estimate_bounds.py",
-    "estimate.detection": "runs on the host in float64: test_estimate_detection*.py",
-    "estimate.intervals": "runs on the host in float64: test_pareto.py",
-    "estimate.kalman": "values and gradients of every function, in single precision too: test_estimate_kalman.py",
+    "estimate": "on the host in float64, but for `kalman`, values and slopes of all of which are in its own tests: "
+    "test_estimate_*.py",
     "evaluation": "what `detect_series` finds, counted on the host: test_evaluation.py",
     "ingest": "reads and writes files",
     "labels": "runs on the host in float64: test_cli_logs.py",

@@ -92,7 +92,8 @@ def estimator_cases() -> Iterator[Case]:
         covers = next(name for name, one in public_names().items() if one is made_by)
         for options in VARIANTS.get(kind, ({},)):
             made = made_by(**options)
-            names = tuple(one.name for one in dataclasses.fields(made) if not one.metadata.get("static"))
+            fields = [one.name for one in dataclasses.fields(made) if not one.metadata.get("static")]
+            names = tuple(name for name in fields if getattr(made, name) is not None)
             for near in (False, True) if options else (False,):
                 label = ", ".join([kind, *(f"{key} {value}" for key, value in options.items()), *["near"] * near])
                 places = tuple(range(1 + near, 1 + near + len(names)))

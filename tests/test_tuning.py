@@ -239,7 +239,7 @@ def test_a_fit_finds_a_threshold_between_noise_and_step() -> None:
         ("threshold_m_s",),
         held,
         kept,
-        plan=Plan(starts=3, logs=8, steps=12),
+        plan=Plan(starts=3, logs=8, steps=12, temperatures=(0.3, 0.1, 0.05)),
         progress=lambda done, total: heard.append((done, total)),
     )
     assert heard == [(1, 3), (2, 3), (3, 3)]

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar.cli._options import add_command, check_part, number, whole
 from jaxradar.cli._output import Lines, shown, spare_logs, write_text
-from jaxradar.drive import Mounting
 
 if TYPE_CHECKING:
     from jaxradar.drive import SensorSeries
@@ -97,6 +96,7 @@ def _calibrated(calibrate: Callable[[SensorSeries], Calibration], path: str, ser
 def _write(target: str, file: DetectorFile, source: str, found: Calibration) -> None:
     from dataclasses import replace
 
+    from jaxradar.drive import Mounting
     from jaxradar.systems.step import DetectorFile, dump_detector, with_mounting
 
     mounting = replace(file.mounting or Mounting(), height_m=found.height_m, angle_deg=found.angle_deg)
