@@ -40,7 +40,7 @@ class DefaultDetector(StepDetector[DefaultObservation, DefaultState]):
     """A step that closes in (`approach`), or a shift of the whole echo out of stillness (`shift`).
 
     The first works while the car drives, the second while it stands or glides over what reflects like a mirror; on a
-    road that glitters there is no stillness, and the second is silent. A detection is one of either, none within
+    road that glitters there is no stillness, and the second is silent. Neither sees steps down. A detection is one of either, none within
     `refractory_s` of another. The statistic is the larger of the two parts' own over their thresholds, compared with
     `level`. Range, speed and strength are those of the echo that `shift` follows, and of the corner while there is more
     evidence of one.
@@ -55,7 +55,8 @@ class DefaultDetector(StepDetector[DefaultObservation, DefaultState]):
     level: Setting = setting(1.0, 0.0, 1e3, "", "evidence of a part over its own threshold; above this is a step")
     refractory_s: Setting = setting(0.2, 0.0, 10.0, "s", "no second detection so soon after one")
     approach: ApproachDetector | None = part(ApproachDetector)
-    shift: ShiftDetector | None = part(ShiftDetector, still_s=1.0, restless=0.4, sudden_s=0.004, most_left=0.6)
+    # A car that pulls away lifts its nose, and the echo moves away: as a step down would make it.
+    shift: ShiftDetector | None = part(ShiftDetector, still_s=1.0, sudden_s=0.0, most_left=0.6, steps_down=False)
 
     def __check_init__(self) -> None:
         if self.approach is None and self.shift is None:

@@ -86,6 +86,7 @@ class ShiftDetector(StepDetector[ProfileObservation, ShiftState]):
     over_scatter: Setting = setting(11.0, 0.0, 1e3, "", "and this many standard deviations of the floor's noise")
     exponent: Setting = setting(0.0, 0.0, 6.0, "", "the echo is selected on amplitudes times (2r)^exponent")
     template_m: Setting = setting(0.02, 1e-3, 1.0, "m", "width of the Gaussian that refines the range")
+    steps_down: bool = shape_setting(True, 0, 1, "", "an echo that moves away is a step too: one down")
     cell_m: float = shape_setting(0.02, 2e-3, 1.0, "m", "size of a range cell")
     reach_m: float = shape_setting(0.12, 1e-3, 10.0, "m", "largest shift that is tried")
     window_m: float = shape_setting(0.06, 1e-3, 1.0, "m", "width of the window that refines the range")
@@ -204,7 +205,7 @@ class ShiftDetector(StepDetector[ProfileObservation, ShiftState]):
         centres, cell_m = self.centres(axis)
         shift_m = shift.cells * cell_m
         explained = shift.unexplained_still - shift.unexplained_moved
-        moved = jnp.abs(shift_m) >= self.least_shift_m
+        moved = (jnp.abs(shift_m) if self.steps_down else -shift_m) >= self.least_shift_m
         statistic = jnp.where(recalled.compared & moved, jnp.maximum(explained, 0.0), 0.0)
         stays = jnp.abs(observation.range_m - state.range_m) <= self.pulse_m
         carried = ~stays & (statistic > self.release)
