@@ -40,10 +40,10 @@ class DefaultDetector(StepDetector[DefaultObservation, DefaultState]):
     """A step that closes in (`approach`), or a shift of the whole echo out of stillness (`shift`).
 
     The first works while the car drives, the second while it stands or glides over what reflects like a mirror; on a
-    road that glitters there is no stillness, and the second is silent. Neither sees steps down. A detection is one of either, none within
-    `refractory_s` of another. The statistic is the larger of the two parts' own over their thresholds, compared with
-    `level`. Range, speed and strength are those of the echo that `shift` follows, and of the corner while there is more
-    evidence of one.
+    road that glitters there is no stillness, and the second is silent. Neither sees steps down. A detection is one of
+    either, none within `refractory_s` of another. The statistic is the larger of the two parts' own over their
+    thresholds, compared with `level`. Range, speed and strength are those of the echo that `shift` follows, and of the
+    corner while there is more evidence of one.
 
     A part that is None costs nothing; in a file, `shift = false`.
     """
