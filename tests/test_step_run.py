@@ -89,7 +89,9 @@ def test_one_sweep_at_a_time_equals_the_scan(name: str) -> None:
             decisions.append(decision)
     assert [i for i, one in enumerate(decisions) if one.event] == [event.sweep for event in whole.events]
     np.testing.assert_allclose([one.range_m for one in decisions], whole.range_m, rtol=1e-6)
-    np.testing.assert_allclose([one.statistic for one in decisions], whole.statistic, rtol=1e-5, atol=1e-4)
+    # A range of 0.4 m over a noise of 2 mm rounds to 4e-5 in single precision.
+    atol = 1e-4 if name == "innovation" else 1e-5
+    np.testing.assert_allclose([one.statistic for one in decisions], whole.statistic, atol=atol)
 
 
 @pytest.mark.long

@@ -195,14 +195,14 @@ def _draw(suite: Suite, stems: Mapping[str, str], folder: Path) -> None:
 
 def _stems(names: Sequence[str]) -> dict[str, str]:
     """What the pictures of each detector are called. Raises `ConfigError` for two that would be called alike."""
-    stems = {name: Path(name).stem for name in names}
-    for name, stem in stems.items():
-        alike = [other for other, one in stems.items() if one == stem]
-        if len(alike) > 1:
+    by_stem: dict[str, str] = {}
+    for name in names:
+        other = by_stem.setdefault(Path(name).stem, name)
+        if other != name:
             raise ConfigError(
-                f"--detector {shown(name)} and {shown(alike[1])} would have one name; give the files other names."
+                f"--detector {shown(other)} and {shown(name)} would have one name; give the files other names."
             )
-    return stems
+    return {name: stem for stem, name in by_stem.items()}
 
 
 def _standing(paths: Sequence[str]) -> list[SensorSeries]:

@@ -16,7 +16,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import i0e
+from scipy.special import i0e, ndtri
 
 from jaxradar.drive import Drive
 from jaxradar.estimate.intervals import Estimate, proportion
@@ -102,7 +102,5 @@ def _threshold(said: np.ndarray, nothing: np.ndarray, probability: float) -> flo
     sampled = math.inf if not beyond else float(order[beyond]) if beyond < len(order) else -math.inf
     if sampled == -math.inf:
         sampled = min(float(np.nextafter(order[-1], -math.inf)), -math.log(probability))
-    from scipy.special import ndtri
-
     gaussian = float(nothing.mean() - ndtri(probability) * nothing.std())
     return min(sampled, gaussian)
