@@ -26,7 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, UInt
 
-from jaxradar._numerics import finite, largest_row, row_major, tree
+from jaxradar._numerics import finite, largest_row, row_major, select_largest, tree
 from jaxradar._settings import bounded, setting, shape_setting
 from jaxradar._types import Flags, RawSweep, Scalar, Setting
 from jaxradar.systems.step.approach_bank import cost, largest_place, means_around, moved_on
@@ -162,10 +162,9 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
     ) -> tuple[ApproachState, Decision]:
         tracks = self.tracks(axis)
         echoes, seen = self.look(tracks, state.echoes, observation, dt)
-        gathered, statistic, corner = self.gather(
-            tracks, state.gathered, seen, *self.weigh(tracks, seen, observation.cells)
-        )
-        alarm, decision = self.decide(state.alarm, Told.of(observation, seen), statistic, corner, dt)
+        gathered = self.gather(tracks, state.gathered, seen, *self.weigh(tracks, seen, observation.cells))
+        told = Told.of(observation, seen)
+        alarm, decision = self.decide(state.alarm, told, *self.best(tracks, gathered), dt)
         return ApproachState(echoes, gathered, alarm), decision
 
     def follow(
@@ -192,16 +191,20 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         )
 
         def gather(held: Gathered, now: Any) -> tuple[Gathered, Any]:
-            seen, (score, looks) = now
-            held, most, corner = self.gather(tracks, held, seen, score, looks)
-            return held, (most, corner)
+            # The best so far, a sweep late: what a loop is handed has been written out, and what it works out itself is
+            # worked out again for each who asks.
+            seen, weighed = now
+            return self.gather(tracks, held, seen, *weighed), self.best(tracks, held)
 
-        gathered, (statistic, corner) = jax.lax.scan(gather, state.gathered, (seen, weighed))
+        gathered, late = jax.lax.scan(gather, state.gathered, (seen, weighed))
+        best = jax.tree.map(
+            lambda so_far, last: jnp.concatenate([so_far[1:], last[None]]), late, self.best(tracks, gathered)
+        )
         decide = jax.vmap(self.decide)
         alarm, decisions = jax.lax.scan(
             lambda held, now: decide(held, *now),
             state.alarm,
-            (Told.of(observed, seen), statistic, corner, dt),
+            (Told.of(observed, seen), *best, dt),
         )
         after = ApproachState(echoes, gathered, alarm)
         return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), after), jax.tree.map(jnp.transpose, decisions)
@@ -293,27 +296,21 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         score = jnp.where(seen.counts & at_each(tracks.inside) & some, score, 0.0)
         return score, 1.0 / jnp.maximum(self.look_m * (1.0 - seen.noise * inverse), 1e-5)
 
-    def gather(
-        self, tracks: Tracks, state: Gathered, seen: Seen, score: Places, looks: Places
-    ) -> tuple[Gathered, Numbers, CornerTrack]:
-        """Move the evidence on and add to it; the most there is on a track, and that track."""
+    def gather(self, tracks: Tracks, state: Gathered, seen: Seen, score: Places, looks: Places) -> Gathered:
+        """Move the evidence on and add to it."""
         speeds = over(tracks.speeds, seen.noise)
         evidence, travel = moved_on(state.evidence, state.travel, speeds * (seen.elapsed_s / self.place_m))
         # Where the road makes the echo a sweep is a part of a look; where noise does, each sweep is one.
         share = jnp.minimum((speeds * seen.elapsed_s)[:, None] * looks, 1.0)
         evidence = jnp.maximum(jnp.where(seen.goes_on, evidence, 0.0) + share * score, 0.0)
-        evidence = jax.lax.optimization_barrier(evidence)
-        most = largest_row(largest_place(evidence))
-        after = Gathered(evidence, jnp.where(seen.goes_on, travel, 0.0))
-        return after, most, self.best(tracks, after)
+        return Gathered(evidence, jnp.where(seen.goes_on, travel, 0.0))
 
-    def best(self, tracks: Tracks, state: Gathered) -> CornerTrack:
-        """The track with the most evidence."""
-        found = jnp.argmax(state.evidence.reshape(-1, *state.evidence.shape[2:]), axis=0)
-        speed, place = found // self.places, found % self.places
-        travel = jnp.take_along_axis(state.travel, speed[None], axis=0)[0]
-        ahead = tracks.ahead_m[place] - self.place_m * travel
-        return CornerTrack(ahead, jnp.sqrt(jnp.asarray(self.height_m, float) ** 2 + ahead**2), tracks.speeds[speed])
+    def best(self, tracks: Tracks, state: Gathered) -> tuple[Numbers, CornerTrack]:
+        """The most evidence there is on a track, and that track."""
+        by_speed = zip(*largest_place(state.evidence), state.travel, tracks.speeds, strict=True)
+        _, most, place, travel, speed = select_largest(list(by_speed))
+        ahead = self.farthest_m - self.place_m * (place + travel)
+        return most, CornerTrack(ahead, jnp.sqrt(jnp.asarray(self.height_m, float) ** 2 + ahead**2), speed)
 
     def decide(
         self,
