@@ -40,7 +40,7 @@ MOST_S, MOST_GB, LEAST_RATIO = 60.0, 2.0, 10.0
 
 
 def plan(seed: int) -> Plan:
-    return Plan(seed=seed, logs=250)
+    return Plan(seed=seed)
 
 
 def drives(count: int, seed: int = 0) -> Examples:

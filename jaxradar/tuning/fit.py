@@ -39,8 +39,8 @@ class Plan:
     """
 
     starts: int = 4
-    candidates: int = 32
-    spread: float = 1.5
+    candidates: int = 256
+    spread: float = 2.0
     temperatures: tuple[float, ...] = (0.3, 0.1, 0.03, 0.01)
     steps: int = 32
     logs: int = 64
@@ -117,7 +117,7 @@ def tune(
     waited = 0
     for stage, temperature in enumerate(plan.temperatures, 1):
         batch = examples.pick(random.permutation(examples.logs)[:logs])
-        moved, ended = _solve_all(space, detector, costs, batch, temperature, vectors, plan.steps)
+        moved, ended = _solve_all(space, detector, costs, batch, temperature, vectors, plan.steps, compiled=stage > 1)
         outcomes.append(ended)
         found = value(kept, moved)
         better = np.isfinite(found) & ~(found >= scores[-1])
@@ -193,8 +193,11 @@ def _solve_all(
     temperature: float,
     vectors: np.ndarray,
     steps: int,
+    *,
+    compiled: bool,
 ) -> tuple[np.ndarray, list[Ending]]:
-    """Each start by itself: none waits for the slowest line search."""
+    """Each start by itself: none waits for the slowest line search. `compiled`: whether the program is there; where it
+    is not, the first start makes it for all."""
 
     def one(vector: np.ndarray) -> tuple[np.ndarray, Ending]:
         with precision(detector):  # a context of JAX belongs to one thread
@@ -213,9 +216,9 @@ def _solve_all(
             return where, "not finite"
         return where, "converged" if converged else "out of steps"
 
-    first = one(vectors[0])  # compiles
+    alone = 0 if compiled else 1
     with ThreadPoolExecutor(cores()) as pool:
-        found = [first, *pool.map(one, vectors[1:])]
+        found = [*map(one, vectors[:alone]), *pool.map(one, vectors[alone:])]
     return np.stack([where for where, _ in found]), [ended for _, ended in found]
 
 
