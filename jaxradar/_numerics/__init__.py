@@ -23,6 +23,7 @@ from jaxradar._numerics.staged import (
     total,
     totals,
     tree,
+    written_out,
 )
 from jaxradar._numerics.trigonometry import angle_of, cosine_sine
 
@@ -55,4 +56,5 @@ __all__ = [
     "totals",
     "tree",
     "value_at",
+    "written_out",
 ]

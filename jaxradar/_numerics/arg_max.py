@@ -21,6 +21,7 @@ from jaxradar._numerics.staged import (
     slice_starts,
     smallest,
     tree,
+    written_out,
 )
 
 __all__ = ["first_argmax", "first_largest", "packed_largest", "select_largest", "value_at"]
@@ -46,7 +47,7 @@ def first_largest(*arrays: Values, of: Callable[..., Array] = _itself) -> tuple[
     if in_stages(whole[0]) and jnp.dtype(dtype).itemsize <= 4 and dtype != jnp.uint32:
         return _keyed(whole, of)
     # Two reductions: exact, and every back end has them. What they read is made once.
-    values = jax.lax.optimization_barrier(of(*whole))
+    values = written_out(of(*whole))
     count, top = values.shape[-1], largest(values)
     bins = jnp.arange(count, dtype=jnp.int32)
     return smallest(jnp.where(values == top[..., None], bins, count - 1)), top

@@ -39,6 +39,7 @@ __all__ = [
     "total",
     "totals",
     "tree",
+    "written_out",
 ]
 
 LANES = 32
@@ -69,6 +70,11 @@ def cpu_shaped() -> bool:
     """Whether to trace the form that a CPU wants. The one place that chooses."""
     form = _form.get()
     return jax.default_backend() == "cpu" if form == "by platform" else form == "staged"
+
+
+def written_out(values: Any) -> Any:
+    """The same, made before it is read: where a CPU's loops want it. In the plain form it is left to the compiler."""
+    return jax.lax.optimization_barrier(values) if cpu_shaped() else values
 
 
 def in_stages(values: Array) -> bool:

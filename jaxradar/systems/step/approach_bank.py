@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxradar._numerics import written_out
 from jaxradar.systems.step.approach_states import Bank, Places, Speeds
 
 __all__ = ["cost", "largest_place", "means_around", "moved_on"]
@@ -37,7 +38,7 @@ def moved_on(evidence: Bank, travel: Speeds, places: Speeds) -> tuple[Bank, Spee
     count = evidence.shape[1]
     # Written out before it is read at each of the shifts: padding inside a loop leaves it no vectors.
     nothing = jnp.zeros_like(evidence[:, :1])
-    wide = jax.lax.optimization_barrier(jnp.concatenate([nothing] * LONGEST_JUMP + [evidence], axis=1))
+    wide = written_out(jnp.concatenate([nothing] * LONGEST_JUMP + [evidence], axis=1))
     moved = jnp.where((whole == 0)[:, None], evidence, 0.0)
     for jump in range(1, LONGEST_JUMP + 1):
         start = LONGEST_JUMP - jump

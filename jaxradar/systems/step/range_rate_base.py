@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, UInt
 
+from jaxradar._numerics import written_out
 from jaxradar._settings import bounded, setting
 from jaxradar._types import Flag, Scalar, Setting
 from jaxradar.systems.step.config import (
@@ -192,7 +193,7 @@ class RangeRateBase(StepDetector[SweepPeak, RangeRateState]):
         # The divisor is guarded, so that a gradient through a sweep at Δt = 0 is 0 and not NaN.
         speed = jnp.where(known, rise / jnp.where(known, elapsed, 1.0), 0.0)
         # What several outputs are made of is computed once: the compiler would put it into the loop of each of them.
-        speed = jax.lax.optimization_barrier(speed)
+        speed = written_out(speed)
         statistic = jnp.abs(speed)
         return Decision(
             range_m=jnp.where(now.valid, now.range_m, before_m),
