@@ -87,13 +87,17 @@ def window_at(sweep: RawSweep, centre: Index, half_width: int) -> tuple[Index, S
     return start, jax.lax.dynamic_slice(jnp.asarray(sweep), (start,), (width,))
 
 
+ROUNDING = 4.0  # of three numbers that were each worked out by a few sums
+
+
 def vertex(left: Scalar, middle: Scalar, right: Scalar) -> tuple[Scalar, Scalar]:
     """Offset in (−½ ... ½) from the middle, and height, of the parabola through three neighbours, the middle largest.
 
     Where the three lie on a line or a plateau there is no vertex: offset 0, the middle's height, and gradient 0.
     """
     curvature = left - 2.0 * middle + right
-    peaked = curvature < 0
+    # Three on a line are bent by their rounding, and which way is chance: that would put the vertex anywhere.
+    peaked = curvature < -ROUNDING * jnp.finfo(curvature.dtype).eps * (jnp.abs(left) + jnp.abs(middle) + jnp.abs(right))
     offset = jnp.clip(safe_divide(0.5 * (left - right), jnp.where(peaked, curvature, 0.0)), -0.5, 0.5)
     return offset, middle - 0.25 * (left - right) * offset
 

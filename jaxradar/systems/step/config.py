@@ -71,8 +71,9 @@ class RangeAxis(eqx.Module):
     def averaged(self, values: Sweep, bins: int) -> Counts:
         """The means over cells of so many bins, from the first on; what is left over at the end is left out."""
         count = self.bins // bins
-        # Divided before it is summed: what follows a sum is a loop of its own.
-        return jnp.sum((values[: count * bins] / bins).reshape(count, bins), axis=1)
+        # Summed before it is divided: whole counts add up exactly, so that equal cells are equal on every machine.
+        whole = values[: count * bins].astype(jnp.result_type(float)).reshape(count, bins)
+        return jnp.sum(whole, axis=1) * (1.0 / bins)
 
 
 Numbers = Float[Array | np.ndarray, "*sweeps"]

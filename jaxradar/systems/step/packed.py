@@ -82,8 +82,13 @@ class PackedStep:
         """As JAX hands it to a compiler: constants worked out, in the form that wants no particular processor."""
         state = jax.ShapeDtypeStruct(self.initial().shape, self.dtype)
         inputs = jax.ShapeDtypeStruct((self.inputs,), self.dtype)
+
+        def step(*vectors: Array) -> tuple[Array, Array]:
+            with jax.ensure_compile_time_eval():
+                return self(*vectors)
+
         with precision(self.detector), reductions("plain"):
-            return jax.jit(lambda *vectors: self(*vectors)).lower(state, inputs)
+            return jax.jit(step).lower(state, inputs)
 
     def _packed(self, tree: Any) -> Array:
         leaves = jax.tree.leaves(tree)
