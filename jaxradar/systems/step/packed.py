@@ -48,9 +48,14 @@ class PackedStep:
         return np.dtype(np.float64 if self.detector.float64 else np.float32)
 
     @property
+    def motion(self) -> tuple[str, ...]:
+        """Names of the inputs that tell the car's motion; none of a detector that does not use it."""
+        return MOTION_FIELDS if self.detector.uses_motion else ()
+
+    @property
     def inputs(self) -> int:
         """Numbers that go in with each sweep."""
-        return self.axis.bins + 2 + (len(MOTION_FIELDS) if self.detector.uses_motion else 0)
+        return self.axis.bins + 2 + len(self.motion)
 
     def initial(self) -> np.ndarray:
         """(state,) the state before the first sweep."""
@@ -80,15 +85,28 @@ class PackedStep:
 
     def lowered(self) -> jax.stages.Lowered:
         """As JAX hands it to a compiler: constants worked out, in the form that wants no particular processor."""
-        state = jax.ShapeDtypeStruct(self.initial().shape, self.dtype)
-        inputs = jax.ShapeDtypeStruct((self.inputs,), self.dtype)
+        with precision(self.detector), reductions("plain"):
+            return self._program().lower(*self._shapes())
 
+    def exported(self) -> bytes:
+        """As `jax.export` writes it: for where there is JAX but not this package's detectors."""
+        from jax import export
+
+        with precision(self.detector), reductions("plain"):
+            return bytes(export.export(self._program())(*self._shapes()).serialize())
+
+    def _shapes(self) -> tuple[jax.ShapeDtypeStruct, jax.ShapeDtypeStruct]:
+        return (
+            jax.ShapeDtypeStruct(self.initial().shape, self.dtype),
+            jax.ShapeDtypeStruct((self.inputs,), self.dtype),
+        )
+
+    def _program(self) -> Any:
         def step(*vectors: Array) -> tuple[Array, Array]:
             with jax.ensure_compile_time_eval():
                 return self(*vectors)
 
-        with precision(self.detector), reductions("plain"):
-            return jax.jit(step).lower(state, inputs)
+        return jax.jit(step)
 
     def _packed(self, tree: Any) -> Array:
         leaves = jax.tree.leaves(tree)

@@ -1,0 +1,61 @@
+"""An artefact as a file that Python runs: a zip archive with the program and the modules that run it."""
+
+from __future__ import annotations
+
+import io
+import stat
+import zipfile
+from os import PathLike
+from pathlib import Path
+
+import jaxradar
+from jaxradar.live.artefact import HEADER, PROGRAMS, Artefact
+
+__all__ = ["MODULES", "archive_bytes"]
+
+# What the program on the device is made of; all of it needs NumPy alone.
+MODULES = ("__init__.py", "_errors.py", "_toml.py", "drive.py", "units.py", "drivefile", "labcsv", "live")
+_FIRST_LINE = b"#!/usr/bin/env python3\n"
+_MAIN = """\
+import sys
+
+from jaxradar.live.app import main
+
+sys.exit(main(own=__file__.rpartition("__main__.py")[0].rstrip("/\\\\")))
+"""
+_TIME = (1980, 1, 1, 0, 0, 0)  # the first that a zip archive knows: the same content gives the same bytes
+
+
+def archive_bytes(artefact: Artefact) -> bytes:
+    """The file's content."""
+    held = {HEADER: artefact.header_text().encode(), PROGRAMS[artefact.header.kind]: artefact.program}
+    if artefact.header.kind == "iree":
+        held["__main__.py"] = _MAIN.encode()
+        held |= _modules()
+    made = io.BytesIO()
+    made.write(_FIRST_LINE if artefact.header.kind == "iree" else b"")
+    with zipfile.ZipFile(made, "a", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for name, content in held.items():
+            archive.writestr(zipfile.ZipInfo(name, _TIME), content, zipfile.ZIP_DEFLATED, 9)
+    return made.getvalue()
+
+
+def write_archive(path: str | PathLike[str], artefact: Artefact) -> int:
+    """Write the file, whole or not at all, for its owner to run; returns how many bytes it has."""
+    target = Path(path)
+    content = archive_bytes(artefact)
+    beside = target.with_name(target.name + ".part")
+    beside.write_bytes(content)
+    if artefact.header.kind == "iree":
+        beside.chmod(beside.stat().st_mode | stat.S_IXUSR)
+    beside.replace(target)
+    return len(content)
+
+
+def _modules() -> dict[str, bytes]:
+    root = Path(jaxradar.__file__).parent
+    files = []
+    for name in MODULES:
+        found = root / name
+        files += sorted(found.rglob("*.py")) if found.is_dir() else [found]
+    return {f"jaxradar/{file.relative_to(root).as_posix()}": file.read_bytes() for file in files}

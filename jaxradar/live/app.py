@@ -1,0 +1,170 @@
+"""Live detection as a program: what `python3 step.pyz` runs, and `jaxradar live` with more sources and detectors."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from jaxradar._errors import ConfigError, JaxradarError
+from jaxradar.drive import NANOSECONDS, Drive
+from jaxradar.live.artefact import Header, read_artefact
+from jaxradar.live.detect import LiveDecision, LiveDetector
+from jaxradar.live.options import add_live_options
+from jaxradar.live.program import Program
+from jaxradar.live.run import Tally, event_record, run
+from jaxradar.live.sweeps import Source
+
+__all__ = ["DEVICE_SOURCES", "detect_live", "device_source", "main", "read_device_log"]
+
+DEVICE_SOURCES = {
+    "replay": "a recorded log, in the package's binary form or the lab's CSV",
+    "acconeer": "Acconeer's exploration server, on this host (localhost) or WHERE",
+}
+_ENDED_BY_SIGNAL = 128
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}. See `{self.prog} --help`.\n")
+
+
+def main(argv: Sequence[str] | None = None, *, own: str | None = None) -> int:
+    """The program on the device; `own`: the file that holds it and its detector."""
+    name = Path(own).name if own else "jaxradar.live"
+    parser = _Parser(
+        prog=name,
+        description="Find road steps in the sweeps of a radar as they come, with the detector in this file.",
+        epilog=f"example:\n  python3 {name} --source replay LOG\n  python3 {name} --source acconeer",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add_live_options(parser, DEVICE_SOURCES)
+    parser.add_argument("--detector", metavar="FILE", help="another compiled detector (default: the one in this file)")
+    args = parser.parse_args(argv)
+    try:
+        file = args.detector or own
+        if file is None:
+            raise ConfigError("expected --detector, a file that `jaxradar export` made.")
+        header, program = load(file)
+        return detect_live(args, header, LiveDetector(header, program), device_source(args, header))
+    except JaxradarError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 2 if isinstance(error, ConfigError) else 1
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _ENDED_BY_SIGNAL + signal.SIGPIPE
+
+
+def load(file: str) -> tuple[Header, Program]:
+    """A compiled detector out of its file, which is read and not run."""
+    artefact = read_artefact(file)
+    header = artefact.header
+    if header.kind != "iree":
+        raise ConfigError(f"{file}: is compiled for JAX; run it with `jaxradar live --detector`.")
+    return header, Program(artefact.program, header.first_state, header.inputs, len(header.decision))
+
+
+def device_source(args: argparse.Namespace, header: Header) -> Source:
+    """The source that the options name."""
+    if args.source == "acconeer":
+        from jaxradar.live.acconeer import AcconeerSource
+
+        return AcconeerSource(
+            args.where or "localhost",
+            sensors=args.sensors or header.sensors or (1, 3),
+            start_m=args.start_m,
+            length_m=args.length_m,
+            rate_hz=args.rate_hz,
+            running_average=args.running_average,
+            bins=header.bins,
+        )
+    if args.where is None:
+        raise ConfigError("--source replay needs a log: --source replay LOG.")
+    return replay_of(args, read_device_log(Path(args.where)))
+
+
+def replay_of(args: argparse.Namespace, drive: Drive) -> Source:
+    """A drive at the pace that the options name."""
+    from jaxradar.live.replay import Replay
+
+    return Replay(drive, None if args.fast else args.pace, sensors=args.sensors)
+
+
+def read_device_log(path: Path) -> Drive:
+    """A log in one of the two forms that NumPy alone reads. Raises `JaxradarError` for what is none."""
+    from jaxradar.drivefile import is_drive_folder, read_drive
+    from jaxradar.labcsv import looks_like_radar, read_lab_csv
+
+    if not path.exists():
+        raise ConfigError(f"{path}: there is no such file or folder.")
+    if is_drive_folder(path):
+        return read_drive(path)
+    if path.is_dir() or looks_like_radar(path):
+        return read_lab_csv(path)
+    raise ConfigError(
+        f"{path}: is neither the package's binary form nor the lab's CSV; other logs, and scenes, are read by the full "
+        "package, with `jaxradar live`."
+    )
+
+
+def detect_live(args: argparse.Namespace, header: Header, detector: LiveDetector, source: Source) -> int:
+    """Through the source to its end, or until a signal; detections on standard output as they come."""
+    tally = Tally()
+    said = _json_line if args.json else _line
+    out: Callable[[str], Any] = lambda text: print(text, flush=True)  # noqa: E731
+
+    def each(decision: LiveDecision) -> None:
+        if decision.event:
+            out(said(decision, header))
+        if args.sweeps is not None and tally.sweeps >= args.sweeps:
+            source.close()
+
+    ended: list[int] = []
+
+    def stop(number: int, _: object) -> None:
+        ended.append(number)
+        source.close()
+
+    before = {one: signal.signal(one, stop) for one in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with source:
+            header.check_axis(source.range_m)
+            for problem in getattr(source, "problems", ()):
+                print(problem, file=sys.stderr)
+            run(source, detector, tally, each)
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, handler)
+    record = {"summary": tally.record() | {"missed": source.missed, "misfits": detector.misfits}}
+    if args.json:
+        out(json.dumps(record))
+    else:
+        print(_summary(tally, source.missed, detector.misfits), file=sys.stderr)
+    return _ENDED_BY_SIGNAL + ended[0] if ended else 0
+
+
+def _json_line(decision: LiveDecision, header: Header) -> str:
+    return json.dumps({"event": event_record(decision, header.threshold)})
+
+
+def _line(decision: LiveDecision, header: Header) -> str:
+    impact = f", impact in {decision.impact_in_s * 1e3:.0f} ms" if decision.impact_in_s else ""
+    return (
+        f"{decision.time_ns / NANOSECONDS:10.3f} s  sensor {decision.sensor}: step {decision.range_m:.3f} m away{impact} "
+        f"({header.statistic_name} {decision.statistic:.3g}, above {header.threshold:.3g})"
+    )
+
+
+def _summary(tally: Tally, missed: int, misfits: int) -> str:
+    seconds = (tally.last_ns - tally.first_ns) / NANOSECONDS
+    parts = [f"{tally.sweeps} sweeps in {seconds:.1f} s", f"{tally.events} detection{'' if tally.events == 1 else 's'}"]
+    parts += [f"{count} {what}" for count, what in ((missed, "missed"), (misfits, "of a wrong length")) if count]
+    if tally.sweeps:
+        parts.append(f"{tally.took_us(0.5):.0f} µs a sweep (99 %: {tally.took_us(0.99):.0f})")
+    return ", ".join(parts) + "."
