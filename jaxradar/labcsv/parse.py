@@ -51,6 +51,8 @@ def by_pyarrow(data: bytes, start: int, end: int, width: int, *, holes: bool) ->
         )
     except pa.ArrowInvalid:
         return None
+    if table.column(0).null_count:  # of an empty line too, which pyarrow takes for a row of empty cells
+        return None
     return [batch.to_tensor(null_to_nan=holes, row_major=True).to_numpy() for batch in table.to_batches()]
 
 
