@@ -151,6 +151,7 @@ def test_what_was_dropped_is_said(tmp_path: Path) -> None:
         "3.csv: 3 zero bytes at the end were dropped: the file was cut off.",
         "3.csv, line 15: the last row is cut off (it ends at cell 1 of 7, '0.14') and was dropped.",
     )
+    assert len(read(tmp_path, FIGURE_TEXT + "\n\n\n0.14").series(3)) == 13  # blank lines, as at the end of a file
     whole_numbers = read(tmp_path, ",1,2\n0,12,5\n1,13,6")
     assert whole_numbers.series(3).sweeps.tolist() == [[12, 5], [13, 6]]
     assert "whether its last number '6' is complete cannot be told; it was kept" in whole_numbers.problems[0]

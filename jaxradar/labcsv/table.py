@@ -168,7 +168,7 @@ def _sound_end(path: Path, data: bytes, start: int, width: int, first_line: int,
         f"{path.name}, line {line}: the last row is cut off (it ends at cell {len(cells)} of {width}, {last}) "
         "and was dropped."
     )
-    return max(start, begin - 1), problems
+    return max(start, len(data[:begin].rstrip(b"\r\n"))), problems
 
 
 def _matrix(blocks: list[np.ndarray], holes: bool) -> tuple[np.ndarray, np.ndarray]:
