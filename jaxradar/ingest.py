@@ -240,13 +240,13 @@ def _pool(workers: int) -> ProcessPoolExecutor:
     server = "forkserver" in get_all_start_methods()
     context = get_context("forkserver" if server else "spawn")
     if server:
-        context.set_forkserver_preload(["jaxradar.ingest", "jaxradar.logs.table"])
+        context.set_forkserver_preload(["jaxradar.ingest", "pyarrow.csv"])
     return ProcessPoolExecutor(workers, context, initializer=_ready)
 
 
 def _ready() -> None:
     """What a process of the pool does first."""
-    from jaxradar.logs.table import use_one_thread
+    from jaxradar.labcsv import use_one_thread
 
     use_one_thread()  # of the parser's own there would be too many
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who asked for the work, and ends the pool

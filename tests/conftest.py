@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 from pathlib import Path
 
@@ -26,6 +27,14 @@ def road_recordings() -> dict[str, Path]:
     if not files:
         pytest.skip("the road recordings are not in ../shared/data/a111_road")
     return {file.stem: file for file in files}
+
+
+@pytest.fixture(params=["pyarrow", "numpy"])
+def csv_parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Runs the test with pyarrow, and as on a device that has NumPy alone."""
+    if request.param == "numpy":
+        monkeypatch.setitem(sys.modules, "pyarrow", None)
+    return request.param
 
 
 @pytest.fixture(params=["float32", "float64"])

@@ -26,6 +26,7 @@ ELSEWHERE: dict[str, str] = {
     "test_estimate_*.py",
     "evaluation": "what `detect_series` finds, counted on the host: test_evaluation.py",
     "ingest": "reads and writes files",
+    "labcsv": "reads and writes files",
     "labels": "runs on the host in float64: test_cli_logs.py",
     "logs": "reads and writes files",
     "matching": "runs on the host in float64: test_matching.py",

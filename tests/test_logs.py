@@ -27,12 +27,14 @@ def _series(sweeps: np.ndarray, **changes: object) -> SensorSeries:
     return replace(series, **changes)
 
 
+@pytest.mark.usefixtures("csv_parser")
 def test_the_labs_bytes_come_back(tmp_path: Path) -> None:
     (tmp_path / "3.csv").write_text(FIGURE_TEXT)
     assert write_log(read_log(tmp_path / "3.csv"), tmp_path / "again" / "3.csv") == []
     assert (tmp_path / "again" / "3.csv").read_bytes() == FIGURE_TEXT.encode()
 
 
+@pytest.mark.usefixtures("csv_parser")
 def test_a_folder_of_the_lab_comes_back(tmp_path: Path) -> None:
     files = {
         "1.csv": lab_text((0.1, 0.2), [(0.02 * row, row, 8) for row in range(1, 5)]),
@@ -49,6 +51,7 @@ def test_a_folder_of_the_lab_comes_back(tmp_path: Path) -> None:
     assert {path.name: path.read_text() for path in (tmp_path / "again").iterdir()} == files
 
 
+@pytest.mark.usefixtures("csv_parser")
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("last", [3.0, 1e-30, 0.1, 1e22])
 def test_the_last_sweep_of_floats_of_any_length_is_not_taken_for_a_cut_one(
@@ -63,6 +66,7 @@ def test_the_last_sweep_of_floats_of_any_length_is_not_taken_for_a_cut_one(
     assert again.problems == ()
 
 
+@pytest.mark.usefixtures("csv_parser")
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_drive_that_the_csv_can_hold_comes_back(data: st.DataObject, tmp_path: Path) -> None:
@@ -104,6 +108,7 @@ def test_any_drive_that_the_csv_can_hold_comes_back(data: st.DataObject, tmp_pat
     assert_drives_equal(bare, drive)
 
 
+@pytest.mark.usefixtures("csv_parser")
 def test_motion_that_the_reader_would_mend_gets_a_row_of_names(tmp_path: Path) -> None:
     series = _series(np.ones((3, 2), np.uint16))
     own_clock = Channel(np.array([5, 6, 70_000_000]), np.array([1.0, 2.0, 3.0]))
@@ -115,6 +120,7 @@ def test_motion_that_the_reader_would_mend_gets_a_row_of_names(tmp_path: Path) -
         assert_drives_equal(read_log(tmp_path / str(place)), drive)
 
 
+@pytest.mark.usefixtures("csv_parser")
 def test_what_the_csv_cannot_hold_is_said(tmp_path: Path) -> None:
     drive = sample_drive()
     lost = write_log(drive, tmp_path / "log")
@@ -148,6 +154,7 @@ def test_what_the_csv_cannot_hold_is_said(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.usefixtures("csv_parser")
 @pytest.mark.parametrize("value", [0.1, 1e-20, 123456.7890625, 2.0**60, 1 / 3])
 def test_more_decimals_only_where_the_labs_would_lose_something(value: float, tmp_path: Path) -> None:
     drive = Drive((_series(np.array([[value, 3.5], [1.0, 2.0]])),))
@@ -265,6 +272,7 @@ def test_find_logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert find_logs([]) == []
 
 
+@pytest.mark.usefixtures("csv_parser")
 def test_real_recordings_survive_every_form(tmp_path: Path) -> None:
     drive = read_log(recordings("a111_road") / "grass_0_45.h5")
     assert write_log(drive, tmp_path / "a.drive") == []

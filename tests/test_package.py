@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,34 @@ def test_info_imports_neither_jax_nor_tables_of_statistics(tmp_path: Path) -> No
     code = f"import sys; from jaxradar.cli import main; assert main(['info', {str(tmp_path / 'a.drive')!r}]) == 0; "
     loaded = fresh(code + "print('#', *sys.modules)").stdout.rsplit("#", 1)[1].split()
     assert not {"jax", "equinox", "matplotlib", "scipy.stats"} & set(loaded)
+
+
+def test_the_labs_csv_needs_numpy_alone(tmp_path: Path) -> None:
+    loaded = fresh("import sys, jaxradar.labcsv; print(*sys.modules)").stdout.split()
+    assert not {"jax", "jaxtyping", "equinox", "matplotlib", "h5py", "pyarrow", "scipy", "rich"} & set(loaded)
+    code = f"""
+import sys
+
+class NumPyAlone:
+    def find_spec(name, path=None, target=None):
+        if name.partition(".")[0] not in (*sys.stdlib_module_names, "numpy", "jaxradar"):
+            raise ModuleNotFoundError(name)
+
+sys.meta_path.insert(0, NumPyAlone)
+from pathlib import Path
+from jaxradar.labcsv import read_lab_csv, use_one_thread, write_lab_csv
+
+use_one_thread()
+log = Path({str(tmp_path / "log")!r})
+assert write_lab_csv(read_lab_csv(log), log.with_name("again")) == []
+print(*sys.modules)
+"""
+    drive = sample_drive()
+    bare = replace(drive, sensors=tuple(replace(one, spec={}, flags=one.flags * 0) for one in drive.sensors))
+    jaxradar.write_log(replace(bare, started_at_ns=None, problems=()), tmp_path / "log")
+    assert not {"jax", "equinox", "matplotlib", "h5py", "pyarrow"} & set(fresh(code).stdout.split())
+    texts = [{path.name: path.read_text() for path in (tmp_path / name).iterdir()} for name in ("log", "again")]
+    assert texts[0] == texts[1]
 
 
 def test_the_readers_need_no_jax() -> None:

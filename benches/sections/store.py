@@ -68,7 +68,7 @@ def _timed(*calls: Callable[[], object]) -> list[float]:
 
 
 def _parse(paths: list[Path]) -> int:
-    from jaxradar.logs.table import use_one_thread
+    from jaxradar.labcsv import use_one_thread
 
     use_one_thread()
     return sum(len(series) for path in paths for series in read_log(path).sensors)

@@ -54,9 +54,9 @@ def add_to(commands: Any) -> None:
 def _run(args: argparse.Namespace) -> int:
     from jaxradar.drive import Truth
     from jaxradar.drivefile import DriveWriter, is_drive_folder, staged
+    from jaxradar.labcsv import truth_path, truth_text
     from jaxradar.labels import propose_steps
     from jaxradar.logs import read_log
-    from jaxradar.logs.truth import truth_path, truth_text
 
     log = Path(args.log)
     drive = read_log(log)

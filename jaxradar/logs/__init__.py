@@ -11,10 +11,8 @@ from pathlib import Path
 from jaxradar._errors import LogError
 from jaxradar.drive import Drive
 from jaxradar.drivefile import is_drive_folder, read_drive, write_drive
+from jaxradar.labcsv import MOTION_FILES, looks_like_radar, read_lab_csv, sensor_files, truth_path, write_lab_csv
 from jaxradar.logs.acconeer_h5 import read_acconeer_h5
-from jaxradar.logs.lab_csv import MOTION_FILES, looks_like_radar, read_lab_csv, sensor_files
-from jaxradar.logs.lab_csv_write import write_lab_csv
-from jaxradar.logs.truth import truth_path
 from jaxradar.store import is_archive, is_store, open_store, read_archived
 
 __all__ = ["below_common_folder", "find_logs", "read_log", "source_files", "write_log"]
@@ -28,7 +26,7 @@ def read_log(path: str | PathLike[str]) -> Drive:
     """Read a log of any kind: what it is follows from its name, or else from its content.
 
     A `.drive` folder (`jaxradar.drivefile`), a drive in a store's archive (`ARCHIVE.zip/drives/NAME.drive`), a folder
-    of `<sensor>.csv` or one CSV file (`jaxradar.logs.lab_csv`), an Acconeer file `.h5` or `.hdf5`
+    of `<sensor>.csv` or one CSV file (`jaxradar.labcsv`), an Acconeer file `.h5` or `.hdf5`
     (`jaxradar.logs.acconeer_h5`). Raises `LogError`, which says what is wrong where.
     """
     log = Path(path)

@@ -22,9 +22,8 @@ import numpy as np
 
 from jaxradar._errors import LogError
 from jaxradar.drive import FULL_SCALE, NANOSECONDS, Drive, SensorSeries, SweepFlag
-from jaxradar.logs.clock import odd_times
+from jaxradar.labcsv import odd_times, read_truth, truth_path
 from jaxradar.logs.hdf5_text import heap_text
-from jaxradar.logs.truth import read_truth, truth_path
 
 __all__ = ["read_acconeer_h5"]
 

@@ -10,7 +10,9 @@ from log_samples import FIGURE_AXIS, FIGURE_ROWS, FIGURE_TEXT, lab_text
 
 from jaxradar._errors import LogError
 from jaxradar.drive import Drive, Mounting, RoadStep, SweepFlag, Truth
-from jaxradar.logs import read_log
+from jaxradar.labcsv import read_lab_csv
+
+pytestmark = pytest.mark.usefixtures("csv_parser")
 
 FIGURE_COUNTS = np.array([row[1:] for row in FIGURE_ROWS])
 FIGURE_NS = [round(row[0] * 1000) * 1_000_000 for row in FIGURE_ROWS]
@@ -18,7 +20,7 @@ FIGURE_NS = [round(row[0] * 1000) * 1_000_000 for row in FIGURE_ROWS]
 
 def read(tmp_path: Path, text: str | bytes, name: str = "3.csv") -> Drive:
     (tmp_path / name).write_bytes(text.encode() if isinstance(text, str) else text)
-    return read_log(tmp_path / name)
+    return read_lab_csv(tmp_path / name)
 
 
 def test_figure_c1(tmp_path: Path) -> None:
@@ -149,6 +151,7 @@ def test_what_was_dropped_is_said(tmp_path: Path) -> None:
         "3.csv: 3 zero bytes at the end were dropped: the file was cut off.",
         "3.csv, line 15: the last row is cut off (it ends at cell 1 of 7, '0.14') and was dropped.",
     )
+    assert len(read(tmp_path, FIGURE_TEXT + "\n\n\n0.14").series(3)) == 13  # blank lines, as at the end of a file
     whole_numbers = read(tmp_path, ",1,2\n0,12,5\n1,13,6")
     assert whole_numbers.series(3).sweeps.tolist() == [[12, 5], [13, 6]]
     assert "whether its last number '6' is complete cannot be told; it was kept" in whole_numbers.problems[0]
@@ -204,7 +207,7 @@ def test_times_count_from_the_first_sweep_of_the_drive(tmp_path: Path) -> None:
     (log / "3.csv").write_text(",1,2\n5.03,1,2\n5.05,3,4\n")
     (log / "1.csv").write_text(",1,2,3\n5.01,1,2,3\n")
     (log / "acc.csv").write_text("5.000,9\n5.1,-7\n")
-    drive = read_log(log)
+    drive = read_lab_csv(log)
     assert [series.sensor for series in drive.sensors] == [1, 3]
     assert drive.series(3).times_ns.tolist() == [20_000_000, 40_000_000]
     assert drive.series(1).times_ns.tolist() == [0]
@@ -260,7 +263,7 @@ def _log(tmp_path: Path, motion: str, sweeps: int = 5, name: str = "gyro.csv") -
     log.mkdir(exist_ok=True)
     (log / "3.csv").write_text(lab_text((1, 2), [(0.02 * (row + 1), row, 2) for row in range(sweeps)]))
     (log / name).write_text(motion)
-    return read_log(log)
+    return read_lab_csv(log)
 
 
 @pytest.mark.parametrize("samples", [4, 5, 6])
@@ -363,7 +366,7 @@ def test_truth_and_mounting_beside_the_log(tmp_path: Path) -> None:
     (tmp_path / "log").mkdir()
     (tmp_path / "log/1.csv").write_text(FIGURE_TEXT)
     (tmp_path / "log/truth.json").write_text('{"steps": [{"impact_s": 3}]}')
-    assert read_log(tmp_path / "log").truth == Truth((RoadStep(3.0),))
+    assert read_lab_csv(tmp_path / "log").truth == Truth((RoadStep(3.0),))
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import numpy as np
 from jaxradar._errors import LogError
 from jaxradar.drive import FULL_SCALE, NANOSECONDS, Drive, SensorSeries, SweepFlag
 from jaxradar.drivefile import staged
-from jaxradar.logs.lab_csv import (
+from jaxradar.labcsv.reader import (
     MOTION_COLUMNS,
     MOTION_FILES,
     SERIAL_TIME_OUT,
@@ -22,7 +22,7 @@ from jaxradar.logs.lab_csv import (
     sensor_files,
     sensor_number,
 )
-from jaxradar.logs.truth import truth_path, truth_text
+from jaxradar.labcsv.truth import truth_path, truth_text
 
 __all__ = ["write_lab_csv"]
 

@@ -1,7 +1,7 @@
 """Tables of plain numbers as text: fast where they are sound, to the line and column where they are not.
 
-pyarrow reads them under settings that take nothing but numbers. Only what it refuses is looked at line by line: rows
-that hold a time alone are legitimate, the last row may be cut off, all else is an error with its place.
+pyarrow, where it is installed, reads whole tables of nothing but numbers. What it refuses is looked at line by line:
+rows that hold a time alone are legitimate, the last row may be cut off, all else is an error with its place.
 """
 
 from __future__ import annotations
@@ -13,19 +13,17 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-import pyarrow as pa  # type: ignore[import-untyped]
-from pyarrow import csv
 
 from jaxradar._errors import LogError
 from jaxradar.drive import NANOSECONDS
+from jaxradar.labcsv.parse import by_pyarrow, by_python
 
-__all__ = ["NUMBER", "Table", "is_cut", "read_bytes", "read_table", "shown", "use_one_thread"]
+__all__ = ["NUMBER", "Table", "is_cut", "read_bytes", "read_table", "shown"]
 
 NUMBER = re.compile(rb"[ \t]*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?[ \t]*")
 _BEGUN = re.compile(rb"[+-]?\d*\.?\d*([eE][+-]?\d*)?")  # what is left of a number that was cut off
 _FLOAT64_SECONDS = 4_000_000  # beyond, float64 seconds are more than 0.5 ns apart
 _MOST_SECONDS = 4_000_000_000  # int64 nanoseconds end at 9.2e9 s, and differences must fit too
-_BLOCK = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -43,11 +41,6 @@ class Table:
     values: np.ndarray
     alone: np.ndarray
     problems: tuple[str, ...] = ()
-
-
-def use_one_thread() -> None:
-    """From now on this process parses with one thread: for where there is a process for each core."""
-    pa.set_cpu_count(1)
 
 
 def read_bytes(path: Path) -> bytes:
@@ -94,21 +87,23 @@ def read_table(
     Raises `LogError` for a cell that is no finite number and for a row of another length, unless it is the last one
     and cut off: that one is dropped and reported.
     """
-    end, problems = _sound_end(path, data, start, columns + 1, first_line, alone)
+    width = columns + 1
+    end, problems = _sound_end(path, data, start, width, first_line, alone)
     if end <= start:
         empty = np.empty((0, columns), np.float64 if holes else np.uint16)
         return Table(np.empty(0, np.int64), empty, np.empty(0, bool), tuple(problems))
-    text = memoryview(data)[start:end]
     missing = None
-    # pyarrow takes a lone CR for a line end, nothing else here does.
-    sound = data.find(b"\r", start, end) < 0 or data.count(b"\r", start, end) == data.count(b"\r\n", start, end)
-    table = _parse(text, columns, holes) if sound else None
-    if table is None:
-        lines, missing = _lines(path, data[start:end], columns + 1, first_line, alone)
-        table = _parse(memoryview(b"\n".join(lines)), columns, holes)
-        if table is None or table.num_rows != len(lines):
+    blocks = by_pyarrow(data, start, end, width, holes=holes)
+    if blocks is None:
+        lines, missing = _lines(path, data[start:end], width, first_line, alone)
+        if missing.any():
+            text = b"\n".join(lines)
+            blocks = by_pyarrow(text, 0, len(text), width, holes=holes)
+        if blocks is None:
+            blocks = by_python(lines, width, holes=holes)
+        if blocks is None:
             _diagnose(path, lines, first_line, holes)
-    seconds, values = _matrix(table, columns, holes)
+    seconds, values = _matrix(blocks, holes)
     cells = _Cells(path, data, start, end, first_line)
     if values.dtype != np.uint16:
         wrong = np.isinf(values) if holes else ~np.isfinite(values)
@@ -173,46 +168,25 @@ def _sound_end(path: Path, data: bytes, start: int, width: int, first_line: int,
         f"{path.name}, line {line}: the last row is cut off (it ends at cell {len(cells)} of {width}, {last}) "
         "and was dropped."
     )
-    return max(start, begin - 1), problems
+    return max(start, len(data[:begin].rstrip(b"\r\n"))), problems
 
 
-def _parse(text: memoryview, columns: int, holes: bool) -> pa.Table | None:
-    """All cells as float64, or None where pyarrow finds anything but numbers."""
-    names = [str(column) for column in range(columns + 1)]
-    try:
-        return csv.read_csv(
-            pa.BufferReader(pa.py_buffer(text)),
-            csv.ReadOptions(column_names=names, block_size=max(_BLOCK, 64 * columns)),
-            csv.ParseOptions(quote_char=False, double_quote=False, escape_char=False, ignore_empty_lines=False),
-            csv.ConvertOptions(
-                check_utf8=False,
-                null_values=[""] if holes else [],
-                column_types=dict.fromkeys(names, pa.float64()),
-            ),
-        )
-    except pa.ArrowInvalid:
-        return None
-
-
-def _matrix(table: pa.Table, columns: int, holes: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Times in seconds (rows,) and values (rows, columns) of a parsed table."""
-    tensors: list[np.ndarray] = [
-        batch.to_tensor(null_to_nan=holes, row_major=True).to_numpy() for batch in table.to_batches()
-    ]
-    seconds = np.concatenate([tensor[:, 0] for tensor in tensors])
+def _matrix(blocks: list[np.ndarray], holes: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Times in seconds (rows,) and values (rows, columns) of a parsed table's blocks of rows."""
+    seconds = np.concatenate([block[:, 0] for block in blocks])
     if not holes:
-        counts = np.empty((table.num_rows, columns), np.uint16)
+        counts = np.empty((len(seconds), blocks[0].shape[1] - 1), np.uint16)
         row = 0
         with np.errstate(invalid="ignore"):
-            for tensor in tensors:
-                part = counts[row : row + len(tensor)]
-                np.copyto(part, tensor[:, 1:], casting="unsafe")
-                if not np.array_equal(part, tensor[:, 1:]):
+            for block in blocks:
+                part = counts[row : row + len(block)]
+                np.copyto(part, block[:, 1:], casting="unsafe")
+                if not np.array_equal(part, block[:, 1:]):
                     break
-                row += len(tensor)
+                row += len(block)
             else:
                 return seconds, counts
-    return seconds, np.concatenate([tensor[:, 1:] for tensor in tensors])
+    return seconds, np.concatenate([block[:, 1:] for block in blocks])
 
 
 def _nanoseconds(seconds: np.ndarray, cells: _Cells) -> np.ndarray:
@@ -232,7 +206,7 @@ def _nanoseconds(seconds: np.ndarray, cells: _Cells) -> np.ndarray:
 
 def _lines(path: Path, text: bytes, width: int, first_line: int, alone: bool) -> tuple[list[bytes], np.ndarray]:
     """The rows with zeros put where a time stands alone, and which rows those are."""
-    lines = [line.removesuffix(b"\r") for line in text.split(b"\n")]
+    lines = [line.rstrip(b"\r") for line in text.split(b"\n")]
     missing = np.zeros(len(lines), bool)
     zeros = b",0" * (width - 1)
     for row, line in enumerate(lines):
@@ -258,4 +232,4 @@ def _diagnose(path: Path, lines: list[bytes], first_line: int, holes: bool) -> N
             if not NUMBER.fullmatch(cell) and (cell or not holes or column == 0):
                 found = f"found {shown(cell)}" if cell.strip() else "the cell is empty"
                 raise LogError(path, f"{found}; expected a number.", line=first_line + row, column=column + 1)
-    raise LogError(path, "holds a number that cannot be represented.")
+    raise AssertionError(f"{path}: all cells are numbers, and were refused.")

@@ -4,7 +4,7 @@ A radar file is `,%f` for each range bin (an empty cell, then metres), then for 
 bin (seconds, amplitudes), with no line end behind the last. A log is one such file of any name, or a folder of files
 `<sensor>.csv` with `gyro.csv` (the program) or `acc.csv` (the loader) beside them: time and acceleration, and with a
 header row further columns `yaw_rate_rad_s` and `speed_m_s`. Spreadsheets' habits are read too: a byte order mark,
-CRLF, a line end behind the last row, `0.012`, `128`, `1.2e3`. Truth stands in `truth.json` (`jaxradar.logs.truth`).
+CRLF, a line end behind the last row, `0.012`, `128`, `1.2e3`. Truth stands in `truth.json` (`jaxradar.labcsv.truth`).
 
 What the program does to its times and rows is mended or said in `Drive.problems`: see `read_lab_csv`.
 """
@@ -20,9 +20,9 @@ import numpy as np
 
 from jaxradar._errors import LogError
 from jaxradar.drive import FULL_SCALE, NANOSECONDS, Channel, Drive, Motion, SensorSeries, SweepFlag
-from jaxradar.logs.clock import odd_times, unwrap_counter
-from jaxradar.logs.table import NUMBER, Table, is_cut, read_bytes, read_table, shown
-from jaxradar.logs.truth import read_truth, truth_path
+from jaxradar.labcsv.clock import odd_times, unwrap_counter
+from jaxradar.labcsv.table import NUMBER, Table, is_cut, read_bytes, read_table, shown
+from jaxradar.labcsv.truth import read_truth, truth_path
 
 __all__ = [
     "MOTION_COLUMNS",
