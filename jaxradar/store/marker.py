@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +17,7 @@ CATALOGUE = "catalogue.sqlite"
 DRIVES = "drives"
 _FORMAT = "jaxradar.store"
 _VERSION = 1
+PATIENCE_S = 2.0  # the workers of an import that was killed die a moment after it, and hold the lock until then
 
 
 def marker_content() -> bytes:
@@ -43,8 +45,15 @@ def alone(store: Path) -> Iterator[None]:
         yield
         return
     with (store / MARKER).open("rb") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise LogError(store, "is being written or packed by another import; wait for it to end.") from error
+        ends = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except OSError as error:
+                if time.monotonic() > ends:
+                    raise LogError(
+                        store, "is being written or packed by another import; wait for it to end."
+                    ) from error
+            time.sleep(0.05)
         yield
