@@ -1,0 +1,82 @@
+"""What every source of live sweeps gives, whether a sensor, a server or a recorded drive is behind it."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol, Self
+
+import numpy as np
+
+__all__ = ["LiveSweep", "Opened", "Source"]
+
+
+class LiveSweep(NamedTuple):
+    """One sweep of one sensor.
+
+    - `sensor`: its number on the connector board.
+    - `time_ns`: when it came, in nanoseconds of a clock that does not jump, since the first sweep of the source; of a
+      replayed drive as recorded.
+    - `sweep`: (bins,), envelope in ADC counts; uint16, float32 or float64 only where a replayed log holds that.
+    - `flags`: of `jaxradar.drive.SweepFlag`.
+    """
+
+    sensor: int
+    time_ns: int
+    sweep: np.ndarray
+    flags: int
+
+
+class Source(Protocol):
+    """Sweeps one after the other, of one sensor or several of one range axis.
+
+    `open` before anything else, or use it as a context manager. Iteration ends when the source is exhausted or closed,
+    and raises `SourceError` when it fails; `close` may come from another thread or from a signal handler, and more
+    than once. One thread at a time may iterate.
+    """
+
+    @property
+    def range_m(self) -> np.ndarray:
+        """(bins,) float64, slant range of each bin in metres; known once the source is open, `ValueError` before."""
+        ...
+
+    @property
+    def sensors(self) -> tuple[int, ...]:
+        """Their numbers on the connector board."""
+        ...
+
+    @property
+    def missed(self) -> int:
+        """Sweeps that the sensor or the server said it had lost, of all sensors together, since `open`."""
+        ...
+
+    def open(self) -> None:
+        """Make ready. Raises `ConfigError` for settings that cannot be had, `SourceError` if nothing answers."""
+        ...
+
+    def close(self) -> None:
+        """Let iteration end soon, and give back what is held."""
+        ...
+
+    def __iter__(self) -> Iterator[LiveSweep]: ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+
+class Opened(abc.ABC):
+    """A source as a context manager."""
+
+    @abc.abstractmethod
+    def open(self) -> None: ...
+
+    @abc.abstractmethod
+    def close(self) -> None: ...
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
