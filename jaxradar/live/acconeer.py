@@ -262,7 +262,9 @@ class AcconeerSource(Opened):
             raise
         except Exception as error:  # the client lets garbage show in any exception
             answer = {} if self._link is None else self._link.answer
-            status = answer.get("status")
+            system, status = answer.get("system_info"), answer.get("status")
+            if isinstance(system, dict) and system.get("sensor", "a111") != "a111":
+                raise SourceError(f"{self._place} has an {system['sensor']!s:.40}; expected an A111.") from error
             if status not in (None, "ok", "start"):
                 told = answer.get("message") or "without a reason"
                 raise SourceError(f"{self._place} answers `{status!s:.40}` while {doing}: {told!s:.200}.") from error

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Iterator
-from typing import NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 __all__ = ["LiveSweep", "Opened", "Source"]
+
+This = TypeVar("This")  # not `typing.Self`, which the tests' type checker does not take in a method
 
 
 class LiveSweep(NamedTuple):
@@ -60,7 +62,7 @@ class Source(Protocol):
 
     def __iter__(self) -> Iterator[LiveSweep]: ...
 
-    def __enter__(self) -> Self: ...
+    def __enter__(self: This) -> This: ...
 
     def __exit__(self, *_: object) -> None: ...
 
@@ -74,7 +76,7 @@ class Opened(abc.ABC):
     @abc.abstractmethod
     def close(self) -> None: ...
 
-    def __enter__(self) -> Self:
+    def __enter__(self: This) -> This:
         self.open()
         return self
 
