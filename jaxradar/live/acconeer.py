@@ -15,7 +15,7 @@ from jaxradar._errors import ConfigError, JaxradarError, SourceError
 from jaxradar.drive import FULL_SCALE, MAKERS_FLAGS, SweepFlag, kept_bins
 from jaxradar.live.acconeer_link import ExplorationLink
 from jaxradar.live.acconeer_range import ActualRange, actual_range, range_problems, sensor_problems
-from jaxradar.live.sweeps import LiveSweep, Opened
+from jaxradar.live.sweeps import LiveSweep, Source
 
 __all__ = ["AcconeerSource"]
 
@@ -24,7 +24,7 @@ _INSTALL = "pip install 'acconeer-exptool>=7.18,<8'"
 _LONGEST_STOP_S = 1.0
 
 
-class AcconeerSource(Opened):
+class AcconeerSource(Source):
     """Envelope sweeps of one A111 or several, timed by the sensor ("streaming").
 
     The defaults are those of the lab's program (thesis, listing C.1); what it leaves alone is the maker's default.
@@ -101,7 +101,7 @@ class AcconeerSource(Opened):
         self._closing = False
         self._streaming = False
         self._first_ns: int | None = None
-        self._range_m: np.ndarray | None = None
+        self._range_m = np.empty(0)
         self._kept: np.ndarray | None = None
         self._length = 0
         self._missed = 0
@@ -110,9 +110,7 @@ class AcconeerSource(Opened):
 
     @property
     def range_m(self) -> np.ndarray:
-        """(bins,) float64 slant range in metres, actual start + i·step. Raises `ValueError` before `open`."""
-        if self._range_m is None:
-            raise ValueError("`AcconeerSource.range_m` is known once the source has been opened.")
+        """(bins,) float64 slant range in metres, actual start + i·step; (0,) before the first `open`."""
         return self._range_m
 
     @property

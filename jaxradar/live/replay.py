@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxradar._errors import ConfigError
 from jaxradar.drive import NANOSECONDS, Drive, SensorSeries, SweepFlag
-from jaxradar.live.sweeps import LiveSweep, Opened
+from jaxradar.live.sweeps import LiveSweep, Source
 
 __all__ = ["Replay"]
 
@@ -21,7 +21,7 @@ _LONGEST_WAIT_S = 3600.0  # at a time: a 32-bit system cannot wait for more than
 _RESET_NS = NANOSECONDS
 
 
-class Replay(Opened):
+class Replay(Source):
     """The sweeps of a drive, in order of recorded time over all sensors and of each sensor in the order it was
     recorded.
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import abc
 from collections.abc import Iterator
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
-__all__ = ["LiveSweep", "Opened", "Source"]
+__all__ = ["LiveSweep", "Source"]
 
-This = TypeVar("This")  # not `typing.Self`, which the tests' type checker does not take in a method
+# Not `typing.Self`, which the tests' type checker does not take in a method.
+AnySource = TypeVar("AnySource", bound="Source")
 
 
 class LiveSweep(NamedTuple):
@@ -29,6 +29,7 @@ class LiveSweep(NamedTuple):
     flags: int
 
 
+@runtime_checkable
 class Source(Protocol):
     """Sweeps one after the other, of one sensor or several of one range axis.
 
@@ -39,7 +40,8 @@ class Source(Protocol):
 
     @property
     def range_m(self) -> np.ndarray:
-        """(bins,) float64, slant range of each bin in metres; known once the source is open, `ValueError` before."""
+        """(bins,) float64, slant range of each bin in metres; none before the source was opened, where it
+        is the sensor that says."""
         ...
 
     @property
@@ -62,21 +64,7 @@ class Source(Protocol):
 
     def __iter__(self) -> Iterator[LiveSweep]: ...
 
-    def __enter__(self: This) -> This: ...
-
-    def __exit__(self, *_: object) -> None: ...
-
-
-class Opened(abc.ABC):
-    """A source as a context manager."""
-
-    @abc.abstractmethod
-    def open(self) -> None: ...
-
-    @abc.abstractmethod
-    def close(self) -> None: ...
-
-    def __enter__(self: This) -> This:
+    def __enter__(self: AnySource) -> AnySource:
         self.open()
         return self
 
