@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from exploration_server import BINS, STEP_M, ExplorationServer, message, needs_client, recorded, source, take
 
+from jaxradar import read_log
 from jaxradar._errors import ConfigError
 from jaxradar.drive import SweepFlag
 from jaxradar.live import AcconeerSource, ActualRange, Source
@@ -35,6 +36,22 @@ def test_every_sweep_arrives_bit_for_bit(sensors: tuple[int, ...]) -> None:
         np.testing.assert_array_equal(got, drive.series(number).sweeps)
     assert opened.problems == ()
     assert opened.missed == 0
+
+
+@needs_client
+def test_a_road_recording_comes_through_as_it_was_recorded(road_recordings: dict[str, Path]) -> None:
+    drive = read_log(road_recordings["cement_0_45"])
+    (part,) = drive.sensors
+    said = {"length_m": 0.6, "step_length_m": 0.000484}  # as in its `session_info`: the step is rounded
+    with (
+        ExplorationServer(drive, metadata={1: said}) as server,
+        source(server, sensors=(1,), start_m=0.2, length_m=0.6) as opened,
+    ):
+        found = take(opened, len(part))
+        np.testing.assert_allclose(opened.range_m, np.linspace(0.2, 0.8, 1240), rtol=0, atol=1e-12)
+        assert opened.problems == ()
+    np.testing.assert_array_equal([sweep.sweep for sweep in found], part.sweeps)
+    assert [sweep.flags for sweep in found] == part.flags.tolist()
 
 
 @needs_client

@@ -101,7 +101,7 @@ class AcconeerSource(Source):
         self._closing = False
         self._streaming = False
         self._first_ns: int | None = None
-        self._range_m = np.empty(0)
+        self._range_m: np.ndarray = np.empty(0)
         self._kept: np.ndarray | None = None
         self._length = 0
         self._missed = 0

@@ -10,6 +10,8 @@ import numpy as np
 
 __all__ = ["ActualRange", "actual_range", "range_problems", "sensor_problems"]
 
+_ROUNDING_M = 1e-6
+
 
 class ActualRange(NamedTuple):
     """As the server answers: the first bin, the whole length and the distance of neighbouring bins before any are left
@@ -23,6 +25,10 @@ class ActualRange(NamedTuple):
 def actual_range(session: Mapping[str, Any]) -> tuple[ActualRange, int]:
     """The range and the number of bins, out of what the maker's client calls a session's information.
 
+    The server rounds what it says to micrometres, its step of 0.48426 mm to 0.000484 m, which is .3 mm too little at
+    the far end of a sweep; so the step is length / (bins - 1), as in the maker's `get_range_depths`, where the two
+    agree to that rounding.
+
     Raises `ValueError`, half a sentence whose subject is the server, if it is none.
     """
     try:
@@ -32,7 +38,9 @@ def actual_range(session: Mapping[str, Any]) -> tuple[ActualRange, int]:
         raise ValueError(f"does not say what range it measures: {session!r:.200}.") from error
     if not (all(map(math.isfinite, found)) and found[2] > 1e-6 and 2 <= length <= 100_000):
         raise ValueError(f"measures no range: {session!r:.200}.")
-    return ActualRange(*found), length
+    start_m, length_m, step_m = found
+    fine_m = length_m / (length - 1)
+    return ActualRange(start_m, length_m, fine_m if abs(fine_m - step_m) <= _ROUNDING_M else step_m), length
 
 
 def range_problems(axis: np.ndarray, actual: ActualRange, asked: tuple[float, float]) -> list[str]:
@@ -51,10 +59,13 @@ def sensor_problems(answer: Mapping[str, Any], sensors: Sequence[int], first: Ac
     """
     found = []
     try:
-        ranges = [(float(one["start_m"]), float(one["step_length_m"])) for one in answer["metadata"][0]]
+        ranges = [
+            actual_range({"range_start_m": one["start_m"], "range_length_m": one["length_m"], **one})[0]
+            for one in answer["metadata"][0]
+        ]
     except (KeyError, IndexError, TypeError, ValueError):
         return []
-    for sensor, (start_m, step_m) in list(zip(sensors, ranges, strict=False))[1:]:
+    for sensor, (start_m, _, step_m) in list(zip(sensors, ranges, strict=False))[1:]:
         shift_m = start_m - first.start_m
         if max(abs(shift_m), abs(shift_m + (step_m - first.step_m) * (length - 1))) > 0.5 * first.step_m:
             found.append(

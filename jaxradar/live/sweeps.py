@@ -40,8 +40,7 @@ class Source(Protocol):
 
     @property
     def range_m(self) -> np.ndarray:
-        """(bins,) float64, slant range of each bin in metres; none before the source was opened, where it
-        is the sensor that says."""
+        """(bins,) float64, slant range of each bin in metres; (0,) before `open` where the sensor has to be asked."""
         ...
 
     @property
