@@ -45,6 +45,7 @@ Drives and figures:
 
 More, each in a package of its own:
 
+- `jaxradar.live`: sweeps as they come, from a sensor or from a recorded drive.
 - `jaxradar.survey`: two sensors side by side, the height of a step, the mounting of a sensor out of a flat road.
 - `jaxradar.tuning`: settings of a detector out of drives whose truth is known.
 - `jaxradar.suite`: which steps a detector sees, and what it raises for nothing.
@@ -52,9 +53,10 @@ More, each in a package of its own:
 
 What a user can get wrong is said in one sentence:
 
-- `JaxradarError`: base of the two below.
+- `JaxradarError`: base of the three below.
 - `LogError`: a log that cannot be read as what it claims to be.
 - `ConfigError`: a setting that is unknown or outside its bounds.
+- `SourceError`: live sweeps that do not come, or no longer.
 
 Each name is imported when it is first used, so that `import jaxradar` is quick. No global setting of JAX is changed.
 """
@@ -65,7 +67,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from jaxradar._errors import ConfigError, JaxradarError, LogError
+    from jaxradar._errors import ConfigError, JaxradarError, LogError, SourceError
     from jaxradar.drive import Channel, Drive, Motion, Mounting, RoadStep, SensorSeries, SweepFlag, Truth
     from jaxradar.evaluation import Evaluation, evaluate
     from jaxradar.ingest import import_logs
@@ -107,6 +109,7 @@ __all__ = [
     "RangeAxis",
     "RoadStep",
     "SensorSeries",
+    "SourceError",
     "StepEvent",
     "StepTrace",
     "Store",
@@ -140,7 +143,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "_errors": "ConfigError JaxradarError LogError",
+    "_errors": "ConfigError JaxradarError LogError SourceError",
     "drive": "Channel Drive Motion Mounting RoadStep SensorSeries SweepFlag Truth",
     "evaluation": "Evaluation evaluate",
     "ingest": "import_logs",

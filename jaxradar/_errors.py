@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from os import PathLike, fspath
 
-__all__ = ["ConfigError", "JaxradarError", "LogError"]
+__all__ = ["ConfigError", "JaxradarError", "LogError", "SourceError"]
 
 
 class JaxradarError(Exception):
@@ -46,3 +46,7 @@ def _log_error(path: str, problem: str, line: int | None, column: int | None) ->
 
 class ConfigError(JaxradarError):
     """A setting, in a file or an argument, that is unknown or outside its bounds."""
+
+
+class SourceError(JaxradarError):
+    """A source of live sweeps that cannot be reached, refuses, falls silent or says what cannot be read."""

@@ -15,7 +15,20 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Channel", "Drive", "Motion", "Mounting", "RoadStep", "SensorSeries", "SweepFlag", "Truth"]
+from jaxradar._errors import ConfigError
+
+__all__ = [
+    "MAKERS_FLAGS",
+    "Channel",
+    "Drive",
+    "Motion",
+    "Mounting",
+    "RoadStep",
+    "SensorSeries",
+    "SweepFlag",
+    "Truth",
+    "kept_bins",
+]
 
 NANOSECONDS = 1_000_000_000
 _MOST_SECONDS = 1e10  # int64 nanoseconds end at 9.2e9 s
@@ -32,6 +45,26 @@ class SweepFlag(IntFlag):
     COMMUNICATION_ERROR = 8
     NO_AMPLITUDES = 16  # a time was logged, but no amplitudes: the lab's program leaves such rows on a failed read
     INVALID = MISSED_DATA | COMMUNICATION_ERROR | NO_AMPLITUDES
+
+
+# The keys under which the maker's server and recordings say the same.
+MAKERS_FLAGS = {
+    "missed_data": SweepFlag.MISSED_DATA,
+    "data_saturated": SweepFlag.SATURATED,
+    "data_quality_warning": SweepFlag.QUALITY_WARNING,
+    "sensor_comm_error": SweepFlag.COMMUNICATION_ERROR,
+}
+
+
+def kept_bins(have: int, bins: int) -> np.ndarray:
+    """(bins,) int64: which of `have` range bins the lab's program keeps, out[i] = data[have·i // bins] (thesis, listing
+    C.1, lines 246 to 251).
+
+    No anti-alias filter, as there. Raises `ConfigError` unless 2 <= bins <= have.
+    """
+    if not 2 <= bins <= have:
+        raise ConfigError(f"cannot thin {have} range bins to {bins}; expected a number from 2 to {have}.")
+    return have * np.arange(bins, dtype=np.int64) // bins
 
 
 def _times(values: Any, name: str) -> np.ndarray:

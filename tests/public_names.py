@@ -28,6 +28,7 @@ ELSEWHERE: dict[str, str] = {
     "ingest": "reads and writes files",
     "labcsv": "reads and writes files",
     "labels": "runs on the host in float64: test_cli_logs.py",
+    "live": "hands on what sensors say: test_live_*.py",
     "logs": "reads and writes files",
     "matching": "runs on the host in float64: test_matching.py",
     "pareto": "measures programs on the host: test_pareto.py",

@@ -57,7 +57,7 @@ def check_sweeps(step: PackedStep, sample: np.ndarray | None, seed: int = 0) -> 
 def reference(step: PackedStep, inputs: np.ndarray) -> np.ndarray:
     """(sweeps, decision): what JAX makes of them, in the form that is compiled."""
     with precision(step.detector), reductions("plain"):
-        return np.asarray(jax.jit(lambda state, rows: jax.lax.scan(step, state, rows)[1])(step.initial(), inputs))
+        return np.asarray(jax.jit(lambda state, rows: jax.lax.scan(lambda *one: step(*one), state, rows)[1])(step.initial(), inputs))
 
 
 def differing(step: PackedStep, program: bytes, inputs: np.ndarray, expected: np.ndarray) -> float:

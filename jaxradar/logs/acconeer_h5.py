@@ -21,7 +21,7 @@ import h5py  # type: ignore[import-untyped]
 import numpy as np
 
 from jaxradar._errors import LogError
-from jaxradar.drive import FULL_SCALE, NANOSECONDS, Drive, SensorSeries, SweepFlag
+from jaxradar.drive import FULL_SCALE, MAKERS_FLAGS, NANOSECONDS, Drive, SensorSeries, SweepFlag
 from jaxradar.labcsv import odd_times, read_truth, truth_path
 from jaxradar.logs.hdf5_text import heap_text
 
@@ -30,12 +30,6 @@ __all__ = ["read_acconeer_h5"]
 # Deflate packs zeros 1032 times; more than that no file of this size can hold.
 _MOST_PACKED = 1040
 _MOST_BYTES = 4 << 30
-_FLAGS = {
-    "missed_data": SweepFlag.MISSED_DATA,
-    "data_saturated": SweepFlag.SATURATED,
-    "data_quality_warning": SweepFlag.QUALITY_WARNING,
-    "sensor_comm_error": SweepFlag.COMMUNICATION_ERROR,
-}
 _READABLE = "an A111 recording in the envelope or IQ mode can be read"
 
 
@@ -228,7 +222,7 @@ class _Recording:
             if not isinstance(row, list) or len(row) != shape[1] or not all(isinstance(info, dict) for info in row):
                 raise self._refuse("data_info", f"[{sweep}] is {entry!r:.60}; expected one object for each sensor.")
             for column, info in enumerate(row):
-                for name, flag in _FLAGS.items():
+                for name, flag in MAKERS_FLAGS.items():
                     if not isinstance(value := info.get(name) or False, bool):
                         raise self._refuse(
                             "data_info", f"[{sweep}] has `{name}` {value!r:.40}; expected true or false."

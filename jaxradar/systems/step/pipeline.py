@@ -12,10 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Shaped, UInt
 
-from jaxradar._errors import ConfigError
 from jaxradar._numerics import compiled, soft_exceeds
 from jaxradar._types import Setting
-from jaxradar.drive import NANOSECONDS, Motion, SensorSeries, SweepFlag
+from jaxradar.drive import NANOSECONDS, Motion, SensorSeries, SweepFlag, kept_bins
 from jaxradar.systems.step.blocks import check_shapes, in_blocks
 from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector
 from jaxradar.systems.step.motion import check_motion, motion_at, no_motion, put_motion
@@ -196,12 +195,9 @@ def trace_of(detector: StepDetector[Any, Any], series: SensorSeries, host: Mappi
 
 
 def thin(series: SensorSeries, bins: int) -> SensorSeries:
-    """Every n-th bin as the lab's program keeps them: out[i] = data[len·i // bins] (thesis, appendix C.1, line 243).
+    """Every n-th bin as the lab's program keeps them: `jaxradar.drive.kept_bins`.
 
-    No anti-alias filter, as there. Raises `ConfigError` unless 2 <= bins <= the log's own.
+    Raises `ConfigError` unless 2 <= bins <= the log's own.
     """
-    have = len(series.range_m)
-    if not 2 <= bins <= have:
-        raise ConfigError(f"cannot thin {have} range bins to {bins}; expected a number from 2 to {have}.")
-    kept = have * np.arange(bins) // bins
+    kept = kept_bins(len(series.range_m), bins)
     return dataclasses.replace(series, sweeps=np.asarray(series.sweeps)[:, kept], range_m=series.range_m[kept])

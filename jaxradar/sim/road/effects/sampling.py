@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxradar._settings import setting, shape_setting
 from jaxradar._types import Setting
+from jaxradar.drive import kept_bins
 from jaxradar.signal.pulses import SIGMA_PER_FWHM
 from jaxradar.sim.radar import Radar
 from jaxradar.sim.road.echoes import Paths
@@ -20,8 +21,8 @@ __all__ = ["RangeSmoothing", "RangeWalk", "RunningAverage", "Thinning"]
 
 
 class Thinning(RoadEffect):
-    """Every n-th bin as the lab's program keeps them, out[i] = data[len·i // bins] (thesis, listing C.1, line 243). The
-    log states an even axis, so that a bin lies up to one of the sensor's own from where it is said to be."""
+    """Every n-th bin as the lab's program keeps them (`jaxradar.drive.kept_bins`). The log states an even axis, so that
+    a bin lies up to one of the sensor's own from where it is said to be."""
 
     name: ClassVar[str] = "thinning"
     stage: ClassVar[str] = "axis"
@@ -30,7 +31,7 @@ class Thinning(RoadEffect):
     bins: int = shape_setting(128, 2, 100_000, "", "that are kept")
 
     def __call__(self, value: np.ndarray, context: Any, key: PRNGKeyArray) -> np.ndarray:
-        return value[len(value) * np.arange(self.bins) // self.bins]
+        return value[kept_bins(len(value), self.bins)]
 
     def stated(self, range_m: np.ndarray) -> np.ndarray:
         step = (range_m[1] - range_m[0]) * len(range_m) / self.bins
