@@ -57,12 +57,14 @@ def check_sweeps(step: PackedStep, sample: np.ndarray | None, seed: int = 0) -> 
 def reference(step: PackedStep, inputs: np.ndarray) -> np.ndarray:
     """(sweeps, decision): what JAX makes of them, in the form that is compiled."""
     with precision(step.detector), reductions("plain"):
-        return np.asarray(jax.jit(lambda state, rows: jax.lax.scan(lambda *one: step(*one), state, rows)[1])(step.initial(), inputs))
+        return np.asarray(
+            jax.jit(lambda state, rows: jax.lax.scan(lambda *one: step(*one), state, rows)[1])(step.initial(), inputs)
+        )
 
 
 def differing(step: PackedStep, program: bytes, inputs: np.ndarray, expected: np.ndarray) -> float:
     """The share of sweeps of which a compiled program says something else than `expected`: another range or statistic
-    by more than `TOLERANCE` of the largest there is. 1 where a flag or a detection is another, or a number no number."""
+    by more than `TOLERANCE` of the largest there is. 1 where a flag or a detection differs, or a number is none."""
     run = Program(program, step.initial(), step.inputs, len(DECISION_FIELDS))
     found = np.empty_like(expected)
     for place, row in enumerate(inputs):

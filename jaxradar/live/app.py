@@ -154,10 +154,11 @@ def _json_line(decision: LiveDecision, header: Header) -> str:
 
 
 def _line(decision: LiveDecision, header: Header) -> str:
+    time_s, threshold = decision.time_ns / NANOSECONDS, header.threshold
     impact = f", impact in {decision.impact_in_s * 1e3:.0f} ms" if decision.impact_in_s else ""
     return (
-        f"{decision.time_ns / NANOSECONDS:10.3f} s  sensor {decision.sensor}: step {decision.range_m:.3f} m away{impact} "
-        f"({header.statistic_name} {decision.statistic:.3g}, above {header.threshold:.3g})"
+        f"{time_s:10.3f} s  sensor {decision.sensor}: step {decision.range_m:.3f} m away{impact} "
+        f"({header.statistic_name} {decision.statistic:.3g}, above {threshold:.3g})"
     )
 
 

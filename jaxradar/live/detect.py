@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from jaxradar.live.sweeps import LiveSweep
 
 from jaxradar.drive import NANOSECONDS, SweepFlag
 from jaxradar.live.artefact import Header
+from jaxradar.live.sweeps import LiveSweep
 
 __all__ = ["LiveDecision", "LiveDetector", "Step"]
 
