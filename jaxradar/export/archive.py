@@ -11,7 +11,7 @@ from pathlib import Path
 import jaxradar
 from jaxradar.live.artefact import HEADER, PROGRAMS, Artefact
 
-__all__ = ["MODULES", "archive_bytes"]
+__all__ = ["MODULES", "archive_bytes", "write_archive"]
 
 # What the program on the device is made of; all of it needs NumPy alone.
 MODULES = ("__init__.py", "_errors.py", "_toml.py", "drive.py", "units.py", "drivefile", "labcsv", "live")

@@ -16,7 +16,7 @@ from jaxradar.live.artefact import Artefact, Header
 from jaxradar.systems.step import DetectorFile, RangeAxis, dump_detector
 from jaxradar.systems.step.packed import DECISION_FIELDS, PackedStep
 
-__all__ = ["export_detector"]
+__all__ = ["export_detector", "header_of"]
 
 MOST_DIFFERENT = 0.01  # of the sweeps: as many as may hold two equal echoes, of which rounding picks another
 _log = logging.getLogger(__name__)
@@ -42,13 +42,28 @@ def export_detector(
     """
     step = PackedStep(file.detector, RangeAxis.of(np.asarray(range_m, np.float64)), np.dtype(sweeps))
     program, versions = _PROGRAMS[kind](step, target, sample)
-    header = Header(
-        detector=file.detector.name,
+    header = header_of(file, step, kind=kind, target=target, sensors=sensors, versions=versions)
+    return Artefact(header, program)
+
+
+def header_of(
+    file: DetectorFile,
+    step: PackedStep,
+    *,
+    kind: str,
+    target: str,
+    sensors: tuple[int, ...],
+    versions: dict[str, str],
+) -> Header:
+    """What a detector's one-sweep program is and takes."""
+    detector = file.detector
+    return Header(
+        detector=detector.name,
         config=dump_detector(file),
-        threshold=float(file.detector.threshold),
-        statistic_name=file.detector.statistic_name,
-        statistic_unit=file.detector.statistic_unit,
-        range_m=tuple(np.asarray(range_m, np.float64).tolist()),
+        threshold=float(detector.threshold),
+        statistic_name=detector.statistic_name,
+        statistic_unit=detector.statistic_unit,
+        range_m=tuple(np.asarray(step.axis.range_m, np.float64).tolist()),
         sweeps=str(step.sweeps),
         vectors=str(step.dtype),
         state=tuple(step.initial().tolist()),
@@ -59,7 +74,6 @@ def export_detector(
         sensors=sensors,
         versions={"jaxradar": version("jaxradar"), "jax": version("jax"), **versions},
     )
-    return Artefact(header, program)
 
 
 def _iree(step: PackedStep, target: str, sample: np.ndarray | None) -> tuple[bytes, dict[str, str]]:
@@ -83,6 +97,10 @@ def _iree(step: PackedStep, target: str, sample: np.ndarray | None) -> tuple[byt
 
 
 def _jax(step: PackedStep, target: str, sample: np.ndarray | None) -> tuple[bytes, dict[str, str]]:
+    try:
+        import flatbuffers  # noqa: F401  (of `jax.export`)
+    except ImportError:
+        raise ConfigError("the form stablehlo needs flatbuffers; `pip install 'jaxradar[export]'` has it.") from None
     return step.exported(), {}
 
 

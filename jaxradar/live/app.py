@@ -15,12 +15,12 @@ from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar.drive import NANOSECONDS, Drive
 from jaxradar.live.artefact import Header, read_artefact
 from jaxradar.live.detect import LiveDecision, LiveDetector
-from jaxradar.live.options import add_live_options
+from jaxradar.live.options import BINS, HOST, SENSORS, add_live_options
 from jaxradar.live.program import Program
 from jaxradar.live.run import Tally, event_record, run
 from jaxradar.live.sweeps import Source
 
-__all__ = ["DEVICE_SOURCES", "detect_live", "device_source", "main", "read_device_log"]
+__all__ = ["DEVICE_SOURCES", "acconeer_of", "detect_live", "main", "read_device_log", "replay_of"]
 
 DEVICE_SOURCES = {
     "replay": "a recorded log, in the package's binary form or the lab's CSV",
@@ -52,7 +52,7 @@ def main(argv: Sequence[str] | None = None, *, own: str | None = None) -> int:
         if file is None:
             raise ConfigError("expected --detector, a file that `jaxradar export` made.")
         header, program = load(file)
-        return detect_live(args, header, LiveDetector(header, program), device_source(args, header))
+        return detect_live(args, device_source(args, header), lambda _: LiveDetector(header, program))
     except JaxradarError as error:
         print(f"{name}: {error}", file=sys.stderr)
         return 2 if isinstance(error, ConfigError) else 1
@@ -73,20 +73,25 @@ def load(file: str) -> tuple[Header, Program]:
 def device_source(args: argparse.Namespace, header: Header) -> Source:
     """The source that the options name."""
     if args.source == "acconeer":
-        from jaxradar.live.acconeer import AcconeerSource
-
-        return AcconeerSource(
-            args.where or "localhost",
-            sensors=args.sensors or header.sensors or (1, 3),
-            start_m=args.start_m,
-            length_m=args.length_m,
-            rate_hz=args.rate_hz,
-            running_average=args.running_average,
-            bins=header.bins,
-        )
+        return acconeer_of(args, header.sensors, header.bins)
     if args.where is None:
         raise ConfigError("--source replay needs a log: --source replay LOG.")
     return replay_of(args, read_device_log(Path(args.where)))
+
+
+def acconeer_of(args: argparse.Namespace, sensors: tuple[int, ...], bins: int | None) -> Source:
+    """The exploration server that the options name; `sensors` and `bins`: of the detector, where it says so."""
+    from jaxradar.live.acconeer import AcconeerSource
+
+    return AcconeerSource(
+        args.where or HOST,
+        sensors=args.sensors or sensors or SENSORS,
+        start_m=args.start_m,
+        length_m=args.length_m,
+        rate_hz=args.rate_hz,
+        running_average=args.running_average,
+        bins=bins or BINS,
+    )
 
 
 def replay_of(args: argparse.Namespace, drive: Drive) -> Source:
@@ -113,15 +118,18 @@ def read_device_log(path: Path) -> Drive:
     )
 
 
-def detect_live(args: argparse.Namespace, header: Header, detector: LiveDetector, source: Source) -> int:
-    """Through the source to its end, or until a signal; detections on standard output as they come."""
+def detect_live(args: argparse.Namespace, source: Source, detector_of: Callable[[Source], LiveDetector]) -> int:
+    """Through the source to its end, or until a signal; detections on standard output as they come.
+
+    `detector_of`: what gives the detector once the source is open, and its range axis known. Returns the exit status.
+    """
     tally = Tally()
     said = _json_line if args.json else _line
     out: Callable[[str], Any] = lambda text: print(text, flush=True)  # noqa: E731
 
     def each(decision: LiveDecision) -> None:
         if decision.event:
-            out(said(decision, header))
+            out(said(decision, detector.header))
         if args.sweeps is not None and tally.sweeps >= args.sweeps:
             source.close()
 
@@ -134,7 +142,8 @@ def detect_live(args: argparse.Namespace, header: Header, detector: LiveDetector
     before = {one: signal.signal(one, stop) for one in (signal.SIGINT, signal.SIGTERM)}
     try:
         with source:
-            header.check_axis(source.range_m)
+            detector = detector_of(source)
+            detector.header.check_axis(source.range_m)
             for problem in getattr(source, "problems", ()):
                 print(problem, file=sys.stderr)
             run(source, detector, tally, each)

@@ -6,9 +6,10 @@ import argparse
 import math
 from collections.abc import Callable
 
-__all__ = ["add_live_options"]
+__all__ = ["BINS", "HOST", "SENSORS", "add_live_options"]
 
-RATE_HZ, START_M, LENGTH_M = 100.0, 0.1, 0.7  # as the lab's program sets them (thesis, appendix C.1)
+# As the lab's program sets them (thesis, appendix C.1).
+RATE_HZ, START_M, LENGTH_M, BINS, SENSORS = 100.0, 0.1, 0.7, 128, (1, 3)
 HOST = "localhost"  # the exploration server's, on the device itself
 
 

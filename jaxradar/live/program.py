@@ -29,9 +29,8 @@ class Program:
             context.add_vm_module(module)
             function = module.lookup_function("main")
         except (RuntimeError, ValueError, KeyError) as error:
-            raise ConfigError(
-                f"the compiled detector does not run here: {str(error).strip().splitlines()[0]:.200}"
-            ) from None
+            why = "it is compiled for another processor" if "__device_0" in str(error) else f"{error!s:.200}"
+            raise ConfigError(f"the compiled detector does not run here: {why}.") from None
         self._held = (config, context, module)  # which the function needs while it lives
         self._function, self._invoke = function, context.vm_context.invoke
         self._outputs = [outputs]

@@ -86,14 +86,14 @@ class PackedStep:
     def lowered(self) -> jax.stages.Lowered:
         """As JAX hands it to a compiler: constants worked out, in the form that wants no particular processor."""
         with precision(self.detector), reductions("plain"):
-            return self._program().lower(*self._shapes())
+            return self.program().lower(*self._shapes())
 
     def exported(self) -> bytes:
         """As `jax.export` writes it: for where there is JAX but not this package's detectors."""
         from jax import export
 
         with precision(self.detector), reductions("plain"):
-            return bytes(export.export(self._program())(*self._shapes()).serialize())
+            return bytes(export.export(self.program())(*self._shapes()).serialize())
 
     def _shapes(self) -> tuple[jax.ShapeDtypeStruct, jax.ShapeDtypeStruct]:
         return (
@@ -101,7 +101,9 @@ class PackedStep:
             jax.ShapeDtypeStruct((self.inputs,), self.dtype),
         )
 
-    def _program(self) -> Any:
+    def program(self) -> Any:
+        """Jit-compiled, as `__call__`; traced inside `precision(detector)`."""
+
         def step(*vectors: Array) -> tuple[Array, Array]:
             with jax.ensure_compile_time_eval():
                 return self(*vectors)
