@@ -32,6 +32,7 @@ SECTIONS = {
     "scenes": "scenes",
     "store": "store",
     "acconeer": "acconeer",
+    "live": "live",
     "gpu": "gpu",
 }
 FEWEST, MOST = 3, 10_000

@@ -34,9 +34,10 @@ _COMMON = (
     "--iree-hal-local-target-device-backends=llvm-cpu",
     "--iree-llvmcpu-debug-symbols=false",
     "--iree-vm-bytecode-module-strip-source-map=true",
+    # All that one dispatch keeps beside its inputs lies on the stack.
+    "--iree-llvmcpu-stack-allocation-limit=1048576",
 )
-# All that one dispatch keeps beside its inputs lies on the stack.
-_SINGLE = ("--iree-llvmcpu-disable-distribution", "--iree-llvmcpu-stack-allocation-limit=1048576")
+_SINGLE = ("--iree-llvmcpu-disable-distribution",)
 _LOOPS, _TILED = "global-optimization", "executable-configurations"
 
 
