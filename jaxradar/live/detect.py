@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from jaxradar.live.sweeps import LiveSweep
 __all__ = ["LiveDecision", "LiveDetector", "Step"]
 
 
+@runtime_checkable
 class Step(Protocol):
     """A one-sweep program with a state, as `jaxradar.live.program.Program` is one."""
 
