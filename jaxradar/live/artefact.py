@@ -86,6 +86,15 @@ class Header:
             "export it for these sweeps, with `jaxradar export --like` a log of theirs."
         )
 
+    def check_amplitudes(self, dtype: np.dtype) -> None:
+        """Raises `ConfigError` for amplitudes with a fraction where it is compiled for whole counts: it would be cut
+        off without a word."""
+        if not np.can_cast(dtype, np.dtype(self.sweeps), "same_kind"):
+            raise ConfigError(
+                f"the sweeps' amplitudes are {dtype}, and the detector is compiled for {self.sweeps}; "
+                "export it for these sweeps, with `jaxradar export --like` a log of theirs."
+            )
+
 
 def units() -> dict[str, str]:
     """Of a decision's fields that have one."""
