@@ -2,37 +2,58 @@
 
 from __future__ import annotations
 
+import fcntl
 import functools
-from collections.abc import Iterable
+import os
+from collections.abc import Callable, Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from step_samples import RANGE_M, echo, series
+import pytest
+from step_samples import echo, series
 
-from jaxradar.drive import Channel, Drive, SensorSeries, SweepFlag
+from jaxradar.drive import Channel, Drive, SensorSeries, SweepFlag, kept_bins
+from jaxradar.drivefile import read_drive, write_drive
 from jaxradar.live import LiveSweep, Replay
 from jaxradar.live.artefact import Header
 from jaxradar.live.detect import LiveDecision, LiveDetector
-from jaxradar.systems.step import StepTrace, detect, load_detector
+from jaxradar.systems.step import DetectorFile, StepTrace, detect, load_detector
 
 FLOATS = ("range_m", "speed_m_s", "strength", "statistic", "impact_in_s")
+# Of the real recordings, thinned to 128 bins as in the lab.
+RECORDED_M = np.linspace(0.2, 0.799676, 1240)[kept_bins(1240, 128)]
 FLAGS = ("valid", "saturated", "event")
+
+
+def once(name: str, make: Callable[[Path], Any]) -> Path:
+    """A file or folder of that name, made by the first worker of this run that asks for it."""
+    folder = Path(os.environ["JAXRADAR_TESTS_SHARED"])
+    with (folder / f"{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / name).exists():
+            make(folder / name)
+    return folder / name
+
+
+def _simulated(path: Path) -> None:
+    from jaxradar.sim import load_scene, simulate
+
+    write_drive(simulate(load_scene(path.stem), 0), path)
 
 
 @functools.cache
 def ready_drive(scene: str = "kerb-down") -> Drive:
     """A ready scene, with yaw rate, and with all that can befall a sweep: lost, silent, saturated, late, at once."""
-    from jaxradar.sim import load_scene, simulate
-
-    drive = simulate(load_scene(scene), 0)
+    drive = read_drive(once(f"{scene}.drive", _simulated))
     one = drive.sensors[0]
     sweeps, flags, times = one.sweeps.copy(), one.flags.copy(), one.times_ns.copy()
-    flags[60:64] |= SweepFlag.MISSED_DATA
-    flags[90] |= SweepFlag.COMMUNICATION_ERROR
+    flags[60:64] |= np.uint16(SweepFlag.MISSED_DATA)
+    flags[90] |= np.uint16(SweepFlag.COMMUNICATION_ERROR)
     sweeps[120:123] = 0
     sweeps[150:155, 40:60] = 65535
-    flags[150:155] |= SweepFlag.SATURATED
+    flags[150:155] |= np.uint16(SweepFlag.SATURATED)
     times[200:] += 500_000_000
     times[230] = times[229]
     times[240] = times[239] - 1_000_000
@@ -60,11 +81,36 @@ def eager(name: str, sample: SensorSeries) -> Any:
     return detector.with_threshold(0.5 * float(detect(detector, sample).statistic.max()))
 
 
+def wanted(name: str) -> Any:
+    """The detector of an exported file: those of a ready scene find something there."""
+    return load_detector("default").detector if name == "recorded" else eager(name, _sample(name))
+
+
+def _sample(name: str) -> SensorSeries:
+    return (wandering() if name == "thesis" else ready_drive()).sensors[0]
+
+
+# What is compiled once for all tests, by name: a detector and the range axis that it is for.
+EXPORTS: dict[str, Callable[[], tuple[DetectorFile, np.ndarray]]] = {
+    name: lambda name=name: (DetectorFile(wanted(name)), _sample(name).range_m)
+    for name in ("thesis", "filtered-rate", "default")
+} | {"recorded": lambda: (DetectorFile(wanted("recorded")), RECORDED_M)}
+
+
+def exported(name: str) -> Path:
+    """One of `EXPORTS` as a file that runs on this machine; skips the test where there is no IREE."""
+    from jaxradar.export import export_detector, write_archive
+
+    pytest.importorskip("iree.compiler", reason="IREE's compiler is not installed")
+    pytest.importorskip("iree.runtime", reason="IREE's runtime is not installed")
+    return once(f"{name}.pyz", lambda path: write_archive(path, export_detector(*EXPORTS[name]())))
+
+
 def live_detector(detector: Any, sample: SensorSeries) -> LiveDetector:
     """As `jaxradar live --detector NAME` makes it: by JAX."""
     from jaxradar.export import JaxStep
     from jaxradar.export.make import header_of
-    from jaxradar.systems.step import DetectorFile, RangeAxis
+    from jaxradar.systems.step import RangeAxis
     from jaxradar.systems.step.packed import PackedStep
 
     step = PackedStep(detector, RangeAxis.of(sample.range_m), sample.sweeps.dtype)
@@ -101,22 +147,10 @@ def assert_as_detected(found: list[LiveDecision], trace: StepTrace, tolerance: f
         np.testing.assert_array_equal([getattr(one, name) for one in found], wanted, err_msg=name)
     for name in FLOATS:
         numbers = np.array([getattr(one, name) for one in found])
-        held = np.array(trace.valid) if name in ("range_m", "speed_m_s") else np.ones(len(found), bool)
+        held = np.array(trace.valid) if name in ("range_m", "speed_m_s", "strength") else np.ones(len(found), bool)
         wanted = np.asarray(getattr(trace, name))[held]
         assert np.isfinite(numbers).all(), name
         largest = max(np.abs(wanted).max(initial=0.0), 1e-9)
         np.testing.assert_allclose(numbers[held], wanted, rtol=0, atol=tolerance * largest, err_msg=name)
     assert [one.place for one in found] == list(range(len(found)))
 
-
-__all__ = [
-    "RANGE_M",
-    "assert_as_detected",
-    "compiled_detector",
-    "eager",
-    "live_detector",
-    "ready_drive",
-    "taken",
-    "through",
-    "wandering",
-]

@@ -14,6 +14,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import lzma
+import struct
 import zipfile
 import zlib
 from os import PathLike, fspath
@@ -29,7 +31,11 @@ __all__ = ["FORMAT", "HEADER", "PROGRAMS", "Artefact", "Header", "is_artefact", 
 FORMAT = 1
 HEADER = "artefact.json"
 PROGRAMS = {"iree": "step.vmfb", "jax": "step.jaxexport"}
+DECISION = ("range_m", "speed_m_s", "strength", "statistic", "impact_in_s", "valid", "saturated", "event")
 DIGITS = 1e-6  # m: two axes whose bins lie no further apart are one
+
+# What the archive's reader says of a damaged one: another compression, a password, places outside the file, too.
+_DAMAGES = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, RuntimeError, ValueError)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,7 +134,7 @@ def is_artefact(path: str | PathLike[str]) -> bool:
     try:
         with zipfile.ZipFile(path) as archive:
             return HEADER in archive.namelist()
-    except (OSError, zipfile.BadZipFile):
+    except (OSError, *_DAMAGES):
         return False
 
 
@@ -144,7 +150,7 @@ def read_artefact(path: str | PathLike[str]) -> Artefact:
             return _read(name, archive)
     except OSError as error:
         raise ConfigError(f"{name}: {error.strerror or error}.") from None
-    except (zipfile.BadZipFile, zlib.error, EOFError):
+    except _DAMAGES:
         raise ConfigError(f"{name}: is damaged, or no compiled detector; export it again.") from None
 
 
@@ -163,11 +169,23 @@ def _read(name: str, archive: zipfile.ZipFile) -> Artefact:
         for field in dataclasses.fields(Header):
             value = record[field.name]
             values[field.name] = tuple(value) if isinstance(value, list) else value
-        header = Header(**values)
+        header = _checked(Header(**values))
         program = archive.read(PROGRAMS[header.kind])
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"{name}: its header or its program is not whole ({error}); export it again.") from None
     made = Artefact(header, program)
     if made.sha256 != record.get("sha256"):
         raise ConfigError(f"{name}: its program is not the one that its header names; export it again.")
     return made
+
+
+def _checked(header: Header) -> Header:
+    """The same. Raises `TypeError` or `ValueError` where its fields are not what a detector is run by."""
+    numbers = (header.threshold, *header.range_m, *header.state, *header.sensors)
+    if wrong := [number for number in numbers if not isinstance(number, int | float)]:
+        raise TypeError(f"expected a number, got {wrong[0]!r}")
+    if header.sweeps not in ("uint16", "float32", "float64") or header.vectors not in ("float32", "float64"):
+        raise ValueError(f"sweeps of {header.sweeps!r} in vectors of {header.vectors!r}")
+    if header.decision != DECISION:
+        raise ValueError(f"decisions of {header.decision!r}")
+    return header
