@@ -18,10 +18,11 @@ from jaxradar.drive import NANOSECONDS, Drive, SweepFlag
 from jaxradar.export import JaxStep
 from jaxradar.live import LiveSweep, Replay
 from jaxradar.live import run as running
-from jaxradar.live.artefact import DIGITS, Header
-from jaxradar.live.detect import FIELDS, LiveDecision, LiveDetector, Step
+from jaxradar.live.artefact import DECISION, DIGITS, Header
+from jaxradar.live.detect import LiveDecision, LiveDetector, Step
 from jaxradar.live.run import Tally, event_record, run
 from jaxradar.systems.step import detect
+from jaxradar.systems.step.packed import DECISION_FIELDS
 
 
 class Echoing:
@@ -41,7 +42,7 @@ class Echoing:
 
 
 HEADER = Header(
-    "none", "", 0.5, "speed", "m/s", (0.1, 0.2, 0.3), "uint16", "float64", (0.0,), (), FIELDS, "host", "jax", (), {}
+    "none", "", 0.5, "speed", "m/s", (0.1, 0.2, 0.3), "uint16", "float64", (0.0,), (), DECISION, "host", "jax", (), {}
 )
 
 
@@ -136,8 +137,9 @@ def test_times_that_stand_still_or_go_back(name: str) -> None:
 
 
 def test_decisions_of_other_fields_are_refused() -> None:
+    assert LiveDecision._fields[3:] == DECISION == DECISION_FIELDS
     with pytest.raises(ValueError, match="expected decisions of range_m, speed_m_s"):
-        LiveDetector(dataclasses.replace(HEADER, decision=FIELDS[::-1]), Echoing(3))
+        LiveDetector(dataclasses.replace(HEADER, decision=DECISION[::-1]), Echoing(3))
 
 
 @pytest.mark.parametrize(

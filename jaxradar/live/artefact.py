@@ -26,7 +26,7 @@ import numpy as np
 
 from jaxradar._errors import ConfigError
 
-__all__ = ["FORMAT", "HEADER", "PROGRAMS", "Artefact", "Header", "is_artefact", "read_artefact", "units"]
+__all__ = ["DECISION", "FORMAT", "HEADER", "PROGRAMS", "Artefact", "Header", "is_artefact", "read_artefact", "units"]
 
 FORMAT = 1
 HEADER = "artefact.json"
@@ -169,7 +169,7 @@ def _read(name: str, archive: zipfile.ZipFile) -> Artefact:
         for field in dataclasses.fields(Header):
             value = record[field.name]
             values[field.name] = tuple(value) if isinstance(value, list) else value
-        header = _checked(Header(**values))
+        header = _header(values)
         program = archive.read(PROGRAMS[header.kind])
     except (KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"{name}: its header or its program is not whole ({error}); export it again.") from None
@@ -179,13 +179,14 @@ def _read(name: str, archive: zipfile.ZipFile) -> Artefact:
     return made
 
 
-def _checked(header: Header) -> Header:
-    """The same. Raises `TypeError` or `ValueError` where its fields are not what a detector is run by."""
-    numbers = (header.threshold, *header.range_m, *header.state, *header.sensors)
+def _header(values: dict[str, Any]) -> Header:
+    """Of its fields. Raises `TypeError` or `ValueError` where they are not what a detector is run by."""
+    numbers = (values["threshold"], *values["range_m"], *values["state"], *values["sensors"])
     if wrong := [number for number in numbers if not isinstance(number, int | float)]:
         raise TypeError(f"expected a number, got {wrong[0]!r}")
-    if header.sweeps not in ("uint16", "float32", "float64") or header.vectors not in ("float32", "float64"):
-        raise ValueError(f"sweeps of {header.sweeps!r} in vectors of {header.vectors!r}")
-    if header.decision != DECISION:
-        raise ValueError(f"decisions of {header.decision!r}")
-    return header
+    sweeps, vectors, decision = values["sweeps"], values["vectors"], values["decision"]
+    if sweeps not in ("uint16", "float32", "float64") or vectors not in ("float32", "float64"):
+        raise ValueError(f"sweeps of {sweeps!r} in vectors of {vectors!r}")
+    if decision != DECISION:
+        raise ValueError(f"decisions of {decision!r}")
+    return Header(**values)
