@@ -76,7 +76,7 @@ def wandering(sensors: tuple[int, ...] = (1, 3), count: int = 90) -> Drive:
 
 
 def eager(name: str, sample: SensorSeries) -> Any:
-    """A detector by its name, whose threshold is half of the largest statistic on a sample: one that finds something."""
+    """A detector by its name that finds something: its threshold is half of the largest statistic on a sample."""
     detector = load_detector(name).detector
     return detector.with_threshold(0.5 * float(detect(detector, sample).statistic.max()))
 
@@ -153,4 +153,3 @@ def assert_as_detected(found: list[LiveDecision], trace: StepTrace, tolerance: f
         largest = max(np.abs(wanted).max(initial=0.0), 1e-9)
         np.testing.assert_allclose(numbers[held], wanted, rtol=0, atol=tolerance * largest, err_msg=name)
     assert [one.place for one in found] == list(range(len(found)))
-

@@ -48,9 +48,7 @@ def test_a_detector_by_its_name_finds_what_evaluate_finds(log: Path, capsys: pyt
     assert summary["sweeps"] == 30
 
 
-def test_a_compiled_file_is_read_and_not_run(
-    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_compiled_file_is_read_and_not_run(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     compiled = live(capsys, log, "--detector", exported("thesis"))[0]
     (tmp_path / "same.toml").write_text(read_artefact(exported("thesis")).header.config)
     by_jax = live(capsys, log, "--detector", tmp_path / "same.toml")[0]

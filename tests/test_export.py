@@ -120,11 +120,11 @@ def test_the_check_notices_another_threshold() -> None:
     step = PackedStep(wanted("filtered-rate"), RangeAxis.of(np.array(artefact.header.range_m)))
     inputs = check_sweeps(step, None)
     assert differing(step, artefact.program, inputs, reference(step, inputs)) == 0.0
-    expected = reference(step, inputs)
+    expected = reference(step, inputs).copy()
     place = DECISION_FIELDS.index("statistic")
     expected[:60, place] += 0.01 * np.abs(expected[:, place]).max()
     assert differing(step, artefact.program, inputs, expected) == pytest.approx(0.1, abs=0.01)
-    expected = reference(step, inputs)
+    expected = reference(step, inputs).copy()
     expected[5, DECISION_FIELDS.index("event")] = 1 - expected[5, DECISION_FIELDS.index("event")]
     assert differing(step, artefact.program, inputs, expected) == 1.0
 

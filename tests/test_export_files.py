@@ -118,7 +118,7 @@ DAMAGES: dict[str, tuple[Any, str]] = {
     "cut off": (lambda file: rebuilt(file, {"step.jaxexport": PROGRAM[:-1]}), "its program is not the one"),
     "no program": (lambda file: rebuilt(file, {"step.jaxexport": None}), "not whole"),
     "no header": (lambda file: rebuilt(file, {HEADER: None}), "holds no compiled detector; expected a file that"),
-    "no JSON": (lambda file: rebuilt(file, {HEADER: b"{nonsense"}), f"its format is None, and this program reads {FORMAT}"),
+    "no JSON": (lambda file: rebuilt(file, {HEADER: b"{nonsense"}), "its format is None, and this program reads"),
     "no text": (lambda file: rebuilt(file, {HEADER: b"\xff\xfe\xfd"}), "its format is None"),
     "a list": (lambda file: rebuilt(file, {HEADER: b"[1]"}), "its format is None"),
     "another format": (lambda file: with_header(file, format=2), f"its format is 2, and this program reads {FORMAT}"),
@@ -135,9 +135,7 @@ DAMAGES: dict[str, tuple[Any, str]] = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_file_is_refused_in_a_sentence(
-    damage: str, small: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_file_is_refused_in_a_sentence(damage: str, small: Path, capsys: pytest.CaptureFixture[str]) -> None:
     change, words = DAMAGES[damage]
     file = change(small)
     with pytest.raises(ConfigError, match=words):
@@ -215,9 +213,7 @@ def alone(file: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize("form", ["drive", "csv"])
-def test_without_jax_it_says_what_evaluate_says(
-    form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_jax_it_says_what_evaluate_says(form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = exported("thesis")
     log = tmp_path / ("log.drive" if form == "drive" else "log")
     write_log(wandering(), log)
@@ -255,7 +251,7 @@ def test_the_file_runs_by_itself(tmp_path: Path) -> None:
     [
         (["--source", "replay"], "--source replay needs a log: --source replay LOG."),
         (["--source", "replay", "gone.csv"], "gone.csv: there is no such file or folder."),
-        (["--source", "replay", "log.h5"], "other logs, and scenes, are read by the full package, with `jaxradar live`."),
+        (["--source", "replay", "log.h5"], "and scenes, are read by the full package, with `jaxradar live`."),
         (["--source", "replay", "short.drive"], "export it for these sweeps"),
         (["--source", "replay", "log.drive", "--sensors", "2"], "the drive has no sensor 2; expected some of 1, 3"),
         (["--source", "scene", "trial"], "invalid choice: 'scene'"),

@@ -114,8 +114,7 @@ def test_a_misfit_is_as_a_sweep_that_was_not_read(name: str) -> None:
     live = live_detector(detector, one)
     with Replay(Drive((one,)), pace=None) as source:
         sweeps = [
-            each._replace(sweep=each.sweep[:-1]) if place in (20, 21, 70) else each
-            for place, each in enumerate(source)
+            each._replace(sweep=each.sweep[:-1]) if place in (20, 21, 70) else each for place, each in enumerate(source)
         ]
     assert_as_detected(through(live, sweeps), detect(detector, flagged))
     assert live.misfits == 3

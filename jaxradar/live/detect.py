@@ -50,7 +50,6 @@ class LiveDecision(NamedTuple):
     event: bool
 
 
-
 class LiveDetector:
     """A compiled detector over the sweeps of any number of sensors.
 
