@@ -153,3 +153,15 @@ def assert_as_detected(found: list[LiveDecision], trace: StepTrace, tolerance: f
         largest = max(np.abs(wanted).max(initial=0.0), 1e-9)
         np.testing.assert_allclose(numbers[held], wanted, rtol=0, atol=tolerance * largest, err_msg=name)
     assert [one.place for one in found] == list(range(len(found)))
+
+
+def assert_same_events(found: list[dict[str, Any]], wanted: list[dict[str, Any]]) -> None:
+    """Of two records of detections: the same fields, whole numbers equal, others but for rounding."""
+    assert len(found) == len(wanted)
+    for one, other in zip(found, wanted, strict=True):
+        assert {key: value is None for key, value in one.items()} == {
+            key: value is None for key, value in other.items()
+        }
+        assert (one["sensor"], one["sweep"]) == (other["sensor"], other["sweep"])
+        given = {key: value for key, value in one.items() if value is not None}
+        assert given == pytest.approx({key: other[key] for key in given}, rel=1e-5)

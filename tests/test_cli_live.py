@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_samples import exported, wandering
+from live_samples import assert_same_events, exported, wandering
 
 from jaxradar.cli import main
 from jaxradar.drive import Drive
@@ -36,9 +36,7 @@ def test_a_detector_by_its_name_finds_what_evaluate_finds(log: Path, capsys: pyt
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     for line in lines:
         own = [event for event in found if event["sensor"] == line["sensor"]]
-        assert [event["sweep"] for event in own] == [event["sweep"] for event in line["detections"]]
-        for one, other in zip(own, line["detections"], strict=True):
-            assert one == pytest.approx({"sensor": line["sensor"], **other}, rel=1e-5)
+        assert_same_events(own, [{"sensor": line["sensor"], **event} for event in line["detections"]])
     assert len(found) > 6
     assert {key: summary[key] for key in ("sweeps", "events", "missed", "misfits")} == {
         "sweeps": 180, "events": len(found), "missed": 0, "misfits": 0,
@@ -53,8 +51,7 @@ def test_a_compiled_file_is_read_and_not_run(log: Path, tmp_path: Path, capsys: 
     (tmp_path / "same.toml").write_text(read_artefact(exported("thesis")).header.config)
     by_jax = live(capsys, log, "--detector", tmp_path / "same.toml")[0]
     assert len(compiled) == len(by_jax) > 6
-    for one, other in zip(compiled, by_jax, strict=True):
-        assert one == pytest.approx(other, rel=1e-5)
+    assert_same_events(compiled, by_jax)
 
 
 def test_amplitudes_with_a_fraction_are_not_cut_off(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -151,7 +148,7 @@ def test_wrong_input_is_one_sentence(
     assert "Traceback" not in said.err
     assert words in said.err
     assert len(said.err.splitlines()) == 1, said.err
-    assert status == 2
+    assert status == (1 if "gone" in arguments else 2)  # a log that is not there: some of it failed
     assert sorted(path.name for path in tmp_path.iterdir()) == ["folder.pyz", "log.drive"]
 
 

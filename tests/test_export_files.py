@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live_samples import exported, wandering
+from live_samples import assert_same_events, exported, wandering
 
 from jaxradar._errors import ConfigError, LogError
 from jaxradar.cli import main
@@ -227,9 +227,7 @@ def test_without_jax_it_says_what_evaluate_says(form: str, tmp_path: Path, capsy
     wanted = [{"sensor": line["sensor"], **event} for line in lines for event in line["detections"]]
     assert len(wanted) > 6
     found = sorted((event["event"] for event in events), key=lambda event: (event["sensor"], event["sweep"]))
-    assert [set(event) for event in found] == [set(event) for event in wanted]
-    for one, other in zip(found, wanted, strict=True):
-        assert one == pytest.approx(other, rel=1e-5)
+    assert_same_events(found, wanted)
     assert last["summary"]["sweeps"] == sum(line["sweeps"] for line in lines)
     assert last["summary"]["events"] == len(wanted)
 
