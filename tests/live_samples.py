@@ -83,7 +83,8 @@ def eager(name: str, sample: SensorSeries) -> Any:
 
 def wanted(name: str) -> Any:
     """The detector of an exported file: those of a ready scene find something there."""
-    return load_detector("default").detector if name == "recorded" else eager(name, _sample(name))
+    recorded = name.removeprefix("recorded-")
+    return eager(name, _sample(name)) if recorded == name else load_detector(recorded).detector
 
 
 def _sample(name: str) -> SensorSeries:
@@ -94,7 +95,10 @@ def _sample(name: str) -> SensorSeries:
 EXPORTS: dict[str, Callable[[], tuple[DetectorFile, np.ndarray]]] = {
     name: lambda name=name: (DetectorFile(wanted(name)), _sample(name).range_m)
     for name in ("thesis", "filtered-rate", "default")
-} | {"recorded": lambda: (DetectorFile(wanted("recorded")), RECORDED_M)}
+} | {
+    name: lambda name=name: (DetectorFile(wanted(name)), RECORDED_M)
+    for name in ("recorded-filtered-rate", "recorded-default")
+}
 
 
 def exported(name: str) -> Path:

@@ -186,7 +186,7 @@ class Alone:
             if found is None or not found.origin.startswith(archive):
                 raise ModuleNotFoundError(name)
             return found
-        if top not in ("__main__", *sys.stdlib_module_names, "numpy", "iree", "_runtime", "_runtime_libs"):
+        if top not in ("__main__", *sys.stdlib_module_names, "numpy", "iree", "ml_dtypes"):  # the last is the runtime's
             raise ModuleNotFoundError(name)
 
 sys.meta_path.insert(0, Alone)

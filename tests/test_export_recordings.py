@@ -1,4 +1,4 @@
-"""The compiled default detector on recordings of real roads, sweep by sweep, against the whole recording at once."""
+"""Compiled detectors on recordings of real roads, sweep by sweep, against the whole recording at once."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ ULPS = 4.0
 TOLERANCE = 1e-4
 
 
-def differing(path: Path) -> tuple[int, int, list[LiveDecision]]:
+def differing(name: str, path: Path) -> tuple[int, int, list[LiveDecision]]:
     """Of one recording: sweeps that differ with the statistic within 4 ulp of the threshold, sweeps that differ
     otherwise, and all decisions."""
-    detector = wanted("recorded")
+    detector = wanted(name)
     series = thin(read_log(path).sensors[0], 128)
-    header, live = compiled_detector(exported("recorded"))
+    header, live = compiled_detector(exported(name))
     header.check_axis(series.range_m)
     found = taken(live, Drive((series,)))[series.sensor]
     trace = detect(detector, series)
@@ -42,17 +42,18 @@ def differing(path: Path) -> tuple[int, int, list[LiveDecision]]:
 
 @pytest.mark.parametrize("name", ["demo1", "grass_0_60"])
 def test_two_recordings_sweep_by_sweep(name: str, road_recordings: dict[str, Path]) -> None:
-    near, other, found = differing(road_recordings[name])
+    near, other, found = differing("recorded-filtered-rate", road_recordings[name])
     assert (near, other) == (0, 0)
     assert len(found) > 100
     assert sum(one.valid for one in found) > 0.8 * len(found)
 
 
 @pytest.mark.long
-def test_all_recordings_sweep_by_sweep(road_recordings: dict[str, Path]) -> None:
+@pytest.mark.parametrize("detector", ["recorded-filtered-rate", "recorded-default"])
+def test_all_recordings_sweep_by_sweep(detector: str, road_recordings: dict[str, Path]) -> None:
     """At most one sweep of each hundred lies so near the threshold that rounding decides; none differs otherwise."""
     assert RECORDED_M.shape == (128,)
-    counts = {name: differing(path)[:2] for name, path in road_recordings.items()}
+    counts = {name: differing(detector, path)[:2] for name, path in road_recordings.items()}
     sweeps = sum(len(read_log(path).sensors[0]) for path in road_recordings.values())
     print(counts, sweeps)
     assert sum(near for near, _ in counts.values()) <= 0.01 * sweeps
