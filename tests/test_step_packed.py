@@ -45,7 +45,8 @@ def test_motion_goes_in_behind_the_time_where_it_is_used(name: str) -> None:
     detector = eager(name, one)
     step = PackedStep(detector, RangeAxis.of(one.range_m))
     assert step.motion[-3:] == ("acceleration_known", "yaw_rate_known", "speed_known")
-    program = jax.jit(lambda rows: jax.lax.scan(lambda *held: step(*held), step.initial(), rows)[1])
+    first = step.initial()
+    program = jax.jit(lambda rows: jax.lax.scan(lambda *held: step(*held), first, rows)[1])
     alone = detect(detector, one).statistic
     for motion in (drive.motion, Motion(speed_m_s=drive.motion.speed_m_s), Motion()):
         moved = [np.asarray(getattr(motion_at(motion, one.times_ns), field)) for field in step.motion]
