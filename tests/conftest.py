@@ -11,6 +11,8 @@ from pathlib import Path
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="jaxradar-tests-")
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+# What one worker of this run makes for all.
+os.environ.setdefault("JAXRADAR_TESTS_SHARED", tempfile.mkdtemp(prefix="jaxradar-tests-"))
 
 import pytest
 from jaxtyping import install_import_hook

@@ -25,6 +25,7 @@ ELSEWHERE: dict[str, str] = {
     "estimate": "on the host in float64, but for `kalman`, values and slopes of all of which are in its own tests: "
     "test_estimate_*.py",
     "evaluation": "what `detect_series` finds, counted on the host: test_evaluation.py",
+    "export": "compiles what is held against JAX on the host: test_export*.py",
     "ingest": "reads and writes files",
     "labcsv": "reads and writes files",
     "labels": "runs on the host in float64: test_cli_logs.py",
@@ -88,6 +89,7 @@ NOT_NUMERIC: dict[str, str] = {
     "_numerics.reductions": "how a program is traced",
     "_numerics.largest_row": "`largest` along another axis: test_numerics.py",
     "_numerics.tree": "how a program is traced",
+    "_numerics.written_out": "the same values, made earlier: test_step_packed.py",
     "_numerics.row_major": "where values lie in memory",
     "systems.step.DETECTORS": "a table of names",
     "systems.step.Decision": CARRIER,

@@ -123,6 +123,8 @@ def strongest_cell(cells: np.ndarray, level: float = 0.0) -> Answer:
         top = min(max(options[0], 0), len(cells) - 1)
         inside = 0 < top < len(cells) - 1  # a cell at an end has one neighbour, and so no vertex
         places.append(top + 0.5 + (vertex(*cells[top - 1 : top + 2])["offset"] if inside else 0.0))
+        if inside and straight(*cells[top - 1 : top + 2]):
+            places.append(top + 0.5)
     return {"place": np.array(places), "strength": over.max()}
 
 
@@ -157,6 +159,12 @@ def _one_step(values: np.ndarray, fwhm: float, near: int, half_width: int) -> An
         return float(np.clip(top, max(low, 0.0), min(high, len(taps) - 1.0)))
 
     return in_window(values[start : start + 2 * half + 1], None, None, lambda taps: start + locate(taps))
+
+
+def straight(left: float, middle: float, right: float) -> bool:
+    """Whether in single precision three lie on a line but for their rounding: with or without a vertex will do."""
+    size = abs(left) + abs(middle) + abs(right)
+    return bool(abs(left - 2 * middle + right) <= 5 * np.finfo(np.float32).eps * size)
 
 
 def vertex(left: float, middle: float, right: float) -> Answer:

@@ -208,6 +208,23 @@ def test_arg_max_is_the_midpoint_of_the_first_highest_plateau(counts: list[int])
     assert float(peak.position) == (0.5 * (first + last) if max(counts) > 0 else 0)
 
 
+@settings(max_examples=30, deadline=None)
+@given(
+    left=st.integers(-(10**6), 10**6), slope=st.integers(1, 10**5), scale=st.sampled_from([1e-6, 1 / 3, 1.0, 0.7, 1e4])
+)
+def test_three_on_a_line_within_rounding_have_no_vertex(left: int, slope: int, scale: float) -> None:
+    """However they were rounded: offset 0, the middle's height and no slope; a bend beyond rounding is a vertex."""
+    three = [jnp.float32((left + slope * place) * scale) for place in range(3)]
+    offset, height = vertex(*three)
+    assert float(offset) == 0.0
+    assert height == three[1]
+    slopes = jax.grad(lambda *given: vertex(*given)[0], argnums=(0, 1, 2))(*three)
+    assert [float(one) for one in slopes] == [0.0, 0.0, 0.0]
+    size = sum(abs(float(one)) for one in three)
+    bent = jnp.float32(float(three[2]) - 1e-5 * size)
+    assert float(vertex(three[0], three[1], bent)[0]) > 0.0
+
+
 def test_vertex_of_a_known_parabola() -> None:
     offset, height = vertex(*(jnp.asarray(5.0 - 2.0 * (x - 0.2) ** 2) for x in (-1.0, 0.0, 1.0)))
     assert float(offset) == pytest.approx(0.2, abs=1e-6)

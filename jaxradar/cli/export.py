@@ -89,6 +89,8 @@ def _run(args: argparse.Namespace) -> int:
         raise ConfigError(f"--output {shown(args.output)} must end with .pyz.")
     if not target.absolute().parent.is_dir():
         raise ConfigError(f"--output {shown(args.output)}: there is no such folder.")
+    if target.is_dir():
+        raise ConfigError(f"--output {shown(args.output)} is a folder; expected a file.")
     file = load_detector(args.detector)
     range_m, sample, sensors = _sweeps(args)
     if args.like is not None:

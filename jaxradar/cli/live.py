@@ -6,8 +6,6 @@ import argparse
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from jaxradar._errors import ConfigError
 from jaxradar.cli._options import add_command
 from jaxradar.live.options import add_live_options
@@ -78,6 +76,8 @@ def _compiled(path: str) -> tuple[Header, Step]:
 
 def _made(detector: str, source: Source) -> tuple[Header, Step]:
     """A detector by its name or file, compiled by JAX for an open source."""
+    import numpy as np
+
     from jaxradar.export import JaxStep
     from jaxradar.export.make import header_of
     from jaxradar.systems.step import RangeAxis, load_detector

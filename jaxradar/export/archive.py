@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 
 import jaxradar
+from jaxradar.drivefile import staged
 from jaxradar.live.artefact import HEADER, PROGRAMS, Artefact
 
 __all__ = ["MODULES", "archive_bytes", "write_archive"]
@@ -41,14 +42,15 @@ def archive_bytes(artefact: Artefact) -> bytes:
 
 
 def write_archive(path: str | PathLike[str], artefact: Artefact) -> int:
-    """Write the file, whole or not at all, for its owner to run; returns how many bytes it has."""
-    target = Path(path)
+    """Write the file, whole or not at all, for its owner to run; returns how many bytes it has.
+
+    Raises `LogError` if it cannot be written.
+    """
     content = archive_bytes(artefact)
-    beside = target.with_name(target.name + ".part")
-    beside.write_bytes(content)
-    if artefact.header.kind == "iree":
-        beside.chmod(beside.stat().st_mode | stat.S_IXUSR)
-    beside.replace(target)
+    with staged(Path(path), overwrite=True) as beside:
+        beside.write_bytes(content)
+        if artefact.header.kind == "iree":
+            beside.chmod(beside.stat().st_mode | stat.S_IXUSR)
     return len(content)
 
 

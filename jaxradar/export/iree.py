@@ -18,7 +18,7 @@ from pathlib import Path
 
 from jaxradar._errors import ConfigError
 
-__all__ = ["TARGETS", "CompilerError", "compile_program", "compiler_version"]
+__all__ = ["TARGETS", "CompilerError", "check_target", "compile_program", "compiler_version"]
 
 _ARM = "--iree-llvmcpu-target-triple=aarch64-linux-gnu"
 TARGETS: dict[str, tuple[str, ...]] = {
@@ -56,14 +56,19 @@ def compiler_version() -> str:
     return str(version.VERSION)
 
 
+def check_target(target: str) -> None:
+    """Raises `ConfigError` unless it is one of `TARGETS`."""
+    if target not in TARGETS:
+        raise ConfigError(f"unknown target `{target}`; expected {', '.join(TARGETS)}.")
+
+
 def compile_program(text: str, target: str, *, single: bool) -> bytes:
     """StableHLO as IREE's byte code for one of `TARGETS`; `single`: as one dispatch.
 
     Raises `CompilerError` where the compiler does not take it, and `ConfigError` for an unknown target and where there
     is no compiler.
     """
-    if target not in TARGETS:
-        raise ConfigError(f"unknown target `{target}`; expected {', '.join(TARGETS)}.")
+    check_target(target)
     options = (*_COMMON, *TARGETS[target])
     if not single:
         return _compiled(text.encode(), *options)

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from jaxradar._errors import ConfigError
 from jaxradar.export.check import check_sweeps, differing, reference
-from jaxradar.export.iree import CompilerError, compile_program, compiler_version
+from jaxradar.export.iree import CompilerError, check_target, compile_program, compiler_version
 from jaxradar.live.artefact import Artefact, Header
 from jaxradar.systems.step import DetectorFile, RangeAxis, dump_detector
 from jaxradar.systems.step.packed import DECISION_FIELDS, PackedStep
@@ -38,8 +38,12 @@ def export_detector(
     those who have JAX where it runs; `sensors`: what the file is to say of them; `sample`: (sweeps, bins) recorded
     sweeps which the compiled program is held against JAX on, beside made ones.
 
-    Raises `ConfigError` for an unknown target, without the compiler, and where what it makes does not do what JAX does.
+    Raises `ConfigError` for an unknown target, without the compiler, and where what it makes does not do what JAX does,
+    and `ValueError` for an unknown kind.
     """
+    check_target(target)
+    if kind not in _PROGRAMS:
+        raise ValueError(f"`export_detector(kind=...)` must be one of {', '.join(_PROGRAMS)}; got {kind!r}.")
     step = PackedStep(file.detector, RangeAxis.of(np.asarray(range_m, np.float64)), np.dtype(sweeps))
     program, versions = _PROGRAMS[kind](step, target, sample)
     header = header_of(file, step, kind=kind, target=target, sensors=sensors, versions=versions)

@@ -11,6 +11,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
+
 from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar.drive import NANOSECONDS, Drive
 from jaxradar.live.artefact import Header, read_artefact
@@ -144,6 +146,7 @@ def detect_live(args: argparse.Namespace, source: Source, detector_of: Callable[
         with source:
             detector = detector_of(source)
             detector.header.check_axis(source.range_m)
+            detector.header.check_amplitudes(np.dtype(getattr(source, "dtype", np.uint16)))
             for problem in getattr(source, "problems", ()):
                 print(problem, file=sys.stderr)
             run(source, detector, tally, each)

@@ -14,6 +14,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import lzma
+import struct
 import zipfile
 import zlib
 from os import PathLike, fspath
@@ -24,12 +26,16 @@ import numpy as np
 
 from jaxradar._errors import ConfigError
 
-__all__ = ["FORMAT", "HEADER", "PROGRAMS", "Artefact", "Header", "is_artefact", "read_artefact", "units"]
+__all__ = ["DECISION", "FORMAT", "HEADER", "PROGRAMS", "Artefact", "Header", "is_artefact", "read_artefact", "units"]
 
 FORMAT = 1
 HEADER = "artefact.json"
 PROGRAMS = {"iree": "step.vmfb", "jax": "step.jaxexport"}
+DECISION = ("range_m", "speed_m_s", "strength", "statistic", "impact_in_s", "valid", "saturated", "event")
 DIGITS = 1e-6  # m: two axes whose bins lie no further apart are one
+
+# What the archive's reader says of a damaged one: another compression, a password, places outside the file, too.
+_DAMAGES = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, RuntimeError, ValueError)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,6 +92,15 @@ class Header:
             "export it for these sweeps, with `jaxradar export --like` a log of theirs."
         )
 
+    def check_amplitudes(self, dtype: np.dtype) -> None:
+        """Raises `ConfigError` for amplitudes with a fraction where it is compiled for whole counts: it would be cut
+        off without a word."""
+        if not np.can_cast(dtype, np.dtype(self.sweeps), "same_kind"):
+            raise ConfigError(
+                f"the sweeps' amplitudes are {dtype}, and the detector is compiled for {self.sweeps}; "
+                "export it for these sweeps, with `jaxradar export --like` a log of theirs."
+            )
+
 
 def units() -> dict[str, str]:
     """Of a decision's fields that have one."""
@@ -119,7 +134,7 @@ def is_artefact(path: str | PathLike[str]) -> bool:
     try:
         with zipfile.ZipFile(path) as archive:
             return HEADER in archive.namelist()
-    except (OSError, zipfile.BadZipFile):
+    except (OSError, *_DAMAGES):
         return False
 
 
@@ -135,7 +150,7 @@ def read_artefact(path: str | PathLike[str]) -> Artefact:
             return _read(name, archive)
     except OSError as error:
         raise ConfigError(f"{name}: {error.strerror or error}.") from None
-    except (zipfile.BadZipFile, zlib.error, EOFError):
+    except _DAMAGES:
         raise ConfigError(f"{name}: is damaged, or no compiled detector; export it again.") from None
 
 
@@ -154,11 +169,24 @@ def _read(name: str, archive: zipfile.ZipFile) -> Artefact:
         for field in dataclasses.fields(Header):
             value = record[field.name]
             values[field.name] = tuple(value) if isinstance(value, list) else value
-        header = Header(**values)
+        header = _header(values)
         program = archive.read(PROGRAMS[header.kind])
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"{name}: its header or its program is not whole ({error}); export it again.") from None
     made = Artefact(header, program)
     if made.sha256 != record.get("sha256"):
         raise ConfigError(f"{name}: its program is not the one that its header names; export it again.")
     return made
+
+
+def _header(values: dict[str, Any]) -> Header:
+    """Of its fields. Raises `TypeError` or `ValueError` where they are not what a detector is run by."""
+    numbers = (values["threshold"], *values["range_m"], *values["state"], *values["sensors"])
+    if wrong := [number for number in numbers if not isinstance(number, int | float)]:
+        raise TypeError(f"expected a number, got {wrong[0]!r}")
+    sweeps, vectors, decision = values["sweeps"], values["vectors"], values["decision"]
+    if sweeps not in ("uint16", "float32", "float64") or vectors not in ("float32", "float64"):
+        raise ValueError(f"sweeps of {sweeps!r} in vectors of {vectors!r}")
+    if decision != DECISION:
+        raise ValueError(f"decisions of {decision!r}")
+    return Header(**values)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from jaxradar.drive import NANOSECONDS, SweepFlag
-from jaxradar.live.artefact import Header
+from jaxradar.live.artefact import DECISION, Header
 from jaxradar.live.sweeps import LiveSweep
 
 __all__ = ["LiveDecision", "LiveDetector", "Step"]
 
 
+@runtime_checkable
 class Step(Protocol):
     """A one-sweep program with a state, as `jaxradar.live.program.Program` is one."""
 
@@ -49,9 +50,6 @@ class LiveDecision(NamedTuple):
     event: bool
 
 
-FIELDS = LiveDecision._fields[3:]
-
-
 class LiveDetector:
     """A compiled detector over the sweeps of any number of sensors.
 
@@ -59,8 +57,8 @@ class LiveDetector:
     """
 
     def __init__(self, header: Header, step: Step) -> None:
-        if tuple(header.decision) != FIELDS:
-            raise ValueError(f"expected decisions of {', '.join(FIELDS)}; got {', '.join(header.decision)}.")
+        if header.decision != DECISION:
+            raise ValueError(f"expected decisions of {', '.join(DECISION)}; got {', '.join(header.decision)}.")
         self.header = header
         self._first = step
         self._sensors: dict[int, _Sensor] = {}

@@ -27,7 +27,7 @@ def _number(least: float, *, above: bool = True) -> Callable[[str], float]:
 
 
 def _whole(text: str) -> int:
-    value = int(text) if text.isdigit() else 0
+    value = int(text) if text.isdecimal() else 0
     if value < 1:
         raise argparse.ArgumentTypeError(f"expected a whole number >= 1, got {text!r}")
     return value
@@ -35,9 +35,10 @@ def _whole(text: str) -> int:
 
 def _sensors(text: str) -> tuple[int, ...]:
     parts = text.split(",")
-    if not all(part.strip().isdigit() for part in parts) or len(set(parts)) != len(parts):
+    numbers = tuple(int(part) if part.strip().isdecimal() else -1 for part in parts)
+    if min(numbers) < 0 or len(set(numbers)) != len(numbers):
         raise argparse.ArgumentTypeError(f"expected sensor numbers such as 1,3, got {text!r}")
-    return tuple(int(part) for part in parts)
+    return numbers
 
 
 def add_live_options(parser: argparse.ArgumentParser, sources: dict[str, str]) -> None:

@@ -50,6 +50,11 @@ class Replay(Source):
         return self._series[0].range_m
 
     @property
+    def dtype(self) -> np.dtype:
+        """Of the amplitudes, one that holds those of all sensors."""
+        return np.result_type(*(series.sweeps.dtype for series in self._series))
+
+    @property
     def sensors(self) -> tuple[int, ...]:
         """Their numbers on the connector board."""
         return tuple(series.sensor for series in self._series)
