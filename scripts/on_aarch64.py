@@ -106,9 +106,9 @@ def ready_root(folder: Path, mirror: str) -> Path:
     iree = version("iree-base-runtime")  # a program and what runs it are of one version
     if not (root / SITE / f"iree_base_runtime-{iree}.dist-info").exists():
         begin = time.monotonic()
-        options = [part for platform in PLATFORMS for part in ("--platform", platform)]
-        options += ["--only-binary=:all:", "--python-version", PYTHON, "--implementation", "cp", "--upgrade"]
-        pip = [sys.executable, "-m", "pip", "install", "--quiet", "--target", str(root / SITE), *options]
+        pip = [sys.executable, "-m", "pip", "install", "--quiet", "--upgrade", "--target", str(root / SITE)]
+        pip += [part for platform in PLATFORMS for part in ("--platform", platform)]
+        pip += ["--only-binary=:all:", "--python-version", PYTHON, "--implementation", "cp"]
         fetched([*pip, f"iree-base-runtime=={iree}", "numpy"], "the wheels of numpy and iree-base-runtime for aarch64")
         print(f"{root}: NumPy and IREE's runtime {iree} in {time.monotonic() - begin:.0f} s.")
     return root
@@ -123,15 +123,15 @@ def fetched(command: list[str], what: str) -> None:
 
 
 def ran(command: list[str]) -> str:
-    """What a program prints, run where no setting of this Python's counts. Raises `FailedError` with its last words."""
+    """What a program prints, run where no setting of this Python's counts. Raises `FailedError` with its last line."""
     clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     try:
         done = subprocess.run(command, env=clean, capture_output=True, text=True, check=False, timeout=LONGEST_S)
     except subprocess.TimeoutExpired:
         raise FailedError(f"{Path(command[0]).name} took more than {LONGEST_S} s.") from None
     if done.returncode:
-        said = (done.stderr.strip() or done.stdout.strip())[-1000:]
-        raise FailedError(f"{Path(command[0]).name} ended with status {done.returncode}: {said}")
+        lines = [*done.stdout.splitlines(), *done.stderr.splitlines()] or ["it did not say why."]
+        raise FailedError(f"{Path(command[0]).name} ended with status {done.returncode}: {lines[-1]}")
     return done.stdout
 
 
