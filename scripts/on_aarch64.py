@@ -17,7 +17,7 @@ that the processor has not, and `host.pyz` here in a process that cannot import 
 same sweeps and agree within `TOLERANCE`. Then the same of every single sweep's decision, detection or not: its flags
 equal, its numbers within `TOLERANCE` of the largest in the log.
 
-QEMU computes as the processor does, bit by bit, and not as fast: durations under it say nothing of a Raspberry Pi.
+QEMU computes what the processor computes, but not at its pace: durations under it say nothing of a Raspberry Pi.
 Exit status: 0 where all agree, 1 where not or where something failed, 3 where it cannot be tried (a tool is missing,
 the downloads fail).
 """
@@ -202,6 +202,8 @@ def compare(folder: Path, log: Path | None, cpu: str, mirror: str) -> int:
     here = ran([sys.executable, "-c", EVERY_SWEEP, host, str(drive)])
     there = ran([*arm, "-c", EVERY_SWEEP, step, str(drive)])
     sweeps = lines(here, "sweep")
+    if not sweeps:
+        raise FailedError(f"{drive} has no sweeps; nothing can be compared.")
     others = differences(sweeps, lines(there, "sweep"), largest(sweeps))
     same = ", bit by bit" if here == there else ""
     print(
