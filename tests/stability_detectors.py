@@ -189,12 +189,14 @@ def shift(counts: np.ndarray, dt: np.ndarray, flags: np.ndarray, settings: dict[
         gap += step
         tracking &= abs(gap) <= settings["longest_gap_s"]
         statistic = explained = 0.0
+        left = np.inf
         share = 1.0 if valid else 0.0
         fresh = valid and not tracking
         lost = fresh and age > 0
         if valid and tracking:
             shift = oracles.profile_shift(profile, reference, reach)
-            explained = shift["unexplained_still"] - shift["unexplained_moved"][0]
+            left = shift["unexplained_moved"][0]
+            explained = shift["unexplained_still"] - left
             if abs(np.ravel(shift["cells"])[0] * cell_m) >= settings["least_shift_m"]:
                 statistic = max(explained, 0.0)
             share = 1 - np.exp(-max(gap, 0.0) / settings["window_s"])
@@ -203,6 +205,10 @@ def shift(counts: np.ndarray, dt: np.ndarray, flags: np.ndarray, settings: dict[
         still = 0.0 if rises or lost else still + max(step, 0.0)
         age = 0.0 if fresh else age + max(step, 0.0)
         if settings["still_s"] > 0 and jumping > settings["sudden_s"]:
+            statistic = 0.0
+        if left > min(settings["most_unexplained"], settings["most_left"] * explained):
+            statistic = 0.0
+        if age < settings["settle_s"] or gap <= 0:
             statistic = 0.0
         reference = reference + share * (profile - reference)
         if valid:
@@ -248,7 +254,9 @@ def detector_cases() -> Iterator[Case]:
             detector = kind() if peak is None else kind(peak=peak)
             if kind is FilteredRateDetector:
                 detector = FilteredRateDetector(filter=(2.0, 0.5, -0.1))
-            if kind is ApproachDetector:  # else the few sweeps are over before it has settled
+            if kind is ShiftDetector:  # else the few sweeps are over before it has settled
+                detector = ShiftDetector(settle_s=0.0)
+            if kind is ApproachDetector:
                 detector = ApproachDetector(settle_s=0.0, start_s=0.0, speeds=3, places=9, place_m=0.06)
             settings = tuple(range(4, 4 + len(tunable(detector))))
             for bins in (2, 16, 128) if peak in (None, "soft-argmax") else (2, 16):
