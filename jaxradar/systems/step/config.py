@@ -95,7 +95,8 @@ class MotionSample(eqx.Module):
 class Decision(eqx.Module):
     """What a detector says of one sweep; the fields are those of `StepTrace`, `event` is a detection.
 
-    Nothing here is ever NaN: where `valid` is false, the range is the last one known and the rest is 0.
+    Nothing here is ever NaN: where `valid` is false, the range is the last one known, `strength` may be that of what
+    was not taken for an echo, and the rest is 0.
     `impact_in_s`: until a front wheel touches what is coming, 0 of a detector that does not know.
     """
 
