@@ -41,7 +41,6 @@ from jaxradar.cli import main as jaxradar
 SCENE = "wet-road"
 TOLERANCE = 1e-5
 DEBIAN, PYTHON = "bookworm", "3.11"
-MIRROR = "http://deb.debian.org/debian"
 SITE = "usr/lib/python3/dist-packages"  # where Debian's Python looks for packages, in the root
 PLATFORMS = ("manylinux_2_28_aarch64", "manylinux2014_aarch64")
 LONGEST_S = 900
@@ -87,7 +86,7 @@ def tool(names: tuple[str, ...], package: str) -> str:
     raise NotTriedError(f"{names[0]} is missing; on Debian and Ubuntu `sudo apt install {package}` has it.")
 
 
-def ready_root(folder: Path, mirror: str) -> Path:
+def ready_root(folder: Path, mirror: str | None) -> Path:
     """The folder's Debian root, made if it is not there, with the packages that a compiled detector needs."""
     root = folder / "root"
     if not root.exists():
@@ -95,7 +94,8 @@ def ready_root(folder: Path, mirror: str) -> Path:
         debootstrap, unpack = tool(("debootstrap",), "debootstrap"), tool(("dpkg-deb",), "dpkg")
         downloads, part = folder / "downloads", folder / "root.part"
         options = ("--download-only", "--arch=arm64", "--variant=minbase", "--include=python3")
-        fetched([debootstrap, *options, DEBIAN, str(downloads), mirror], f"Debian's packages from {mirror}")
+        chosen, place = ([], "") if mirror is None else ([mirror], f" from {mirror}")
+        fetched([debootstrap, *options, DEBIAN, str(downloads), *chosen], f"Debian's packages{place}")
         shutil.rmtree(part, ignore_errors=True)
         packages = sorted(downloads.glob("var/cache/apt/archives/*.deb"))
         for package in packages:
@@ -173,7 +173,7 @@ def differences(here: list[dict[str, Any]], there: list[dict[str, Any]], scale: 
     return found
 
 
-def compare(folder: Path, log: Path | None, cpu: str, mirror: str) -> int:
+def compare(folder: Path, log: Path | None, cpu: str, mirror: str | None) -> int:
     """All of it; prints what comes out and returns the exit status."""
     qemu = tool(("qemu-aarch64-static", "qemu-aarch64"), "qemu-user-static")
     folder.mkdir(parents=True, exist_ok=True)
@@ -228,7 +228,7 @@ def main() -> int:
     parser.add_argument("folder", metavar="FOLDER", type=Path, help="where the Debian root and the programs are kept")
     parser.add_argument("log", metavar="LOG", type=Path, nargs="?", help=f"a log (default: the scene {SCENE})")
     parser.add_argument("--cpu", choices=CPUS, default=CPUS[0], help="the processor (default: %(default)s)")
-    parser.add_argument("--mirror", metavar="URL", default=MIRROR, help="of Debian (default: %(default)s)")
+    parser.add_argument("--mirror", metavar="URL", help="of Debian (default: the one that debootstrap knows)")
     args = parser.parse_args()
     try:
         return compare(args.folder, args.log, args.cpu, args.mirror)
