@@ -259,7 +259,11 @@ def draw(thesis: StepDetector, default: StepDetector, target: Path) -> None:
     axis.legend(fontsize=7, loc="upper left")
 
     _accelerations(
-        axes[0, 1], trial, default, "6.2: the step is seen (here by `default`) before the\nbody feels 15 m/s²", around
+        axes[0, 1],
+        sim.simulate(sim.load_scene("trial-wet"), seed=0),
+        default,
+        "6.2: on wet asphalt `default` sees the step\nbefore the body feels 15 m/s²",
+        around,
     )
     _accelerations(
         axes[1, 0],
