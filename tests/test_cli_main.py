@@ -26,7 +26,7 @@ COMMANDS = [
         "frontier",
         "bench-detection",
     ),
-    *("convert", "config"),
+    *("export", "live", "convert", "config"),
 ]
 
 
