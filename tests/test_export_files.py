@@ -168,8 +168,8 @@ def test_the_archive_holds_its_modules_and_nothing_else() -> None:
     with zipfile.ZipFile(exported("thesis")) as archive:
         names = archive.namelist()
     assert names[:3] == [HEADER, "step.vmfb", "__main__.py"]
-    assert all(name.startswith("jaxradar/") and name.endswith(".py") for name in names[3:])
-    assert {name.split("/")[1] for name in names[3:]} == set(MODULES)
+    assert all(name.startswith("jaxradar/") and name.endswith((".py", ".pyc")) for name in names[3:])
+    assert {name.split("/")[1].replace(".pyc", ".py") for name in names[3:]} == set(MODULES)
     assert exported("thesis").read_bytes().startswith(b"#!/usr/bin/env python3\n")
 
 

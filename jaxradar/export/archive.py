@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import io
+import py_compile
 import stat
+import tempfile
 import zipfile
 from os import PathLike
 from pathlib import Path
+from py_compile import PycInvalidationMode
 
 import jaxradar
 from jaxradar.drivefile import staged
@@ -55,9 +58,20 @@ def write_archive(path: str | PathLike[str], artefact: Artefact) -> int:
 
 
 def _modules() -> dict[str, bytes]:
+    """Each as source and as compiled for this version of Python: another takes the source, and starts later by that."""
     root = Path(jaxradar.__file__).parent
     files = []
     for name in MODULES:
         found = root / name
         files += sorted(found.rglob("*.py")) if found.is_dir() else [found]
-    return {f"jaxradar/{file.relative_to(root).as_posix()}": file.read_bytes() for file in files}
+    made: dict[str, bytes] = {}
+    with tempfile.TemporaryDirectory(prefix="jaxradar-export-") as folder:
+        for file in files:
+            name = f"jaxradar/{file.relative_to(root).as_posix()}"
+            compiled = Path(folder, "compiled")
+            # Unchecked: in an archive source and code do not part. `name`: tracebacks show no folder of this machine.
+            py_compile.compile(
+                str(file), str(compiled), name, doraise=True, invalidation_mode=PycInvalidationMode.UNCHECKED_HASH
+            )
+            made |= {name: file.read_bytes(), f"{name}c": compiled.read_bytes()}
+    return made

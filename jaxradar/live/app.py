@@ -106,12 +106,13 @@ def replay_of(args: argparse.Namespace, drive: Drive) -> Source:
 def read_device_log(path: Path) -> Drive:
     """A log in one of the two forms that NumPy alone reads. Raises `JaxradarError` for what is none."""
     from jaxradar.drivefile import is_drive_folder, read_drive
-    from jaxradar.labcsv import looks_like_radar, read_lab_csv
 
     if not path.exists():
         raise ConfigError(f"{path}: there is no such file or folder.")
     if is_drive_folder(path):
         return read_drive(path)
+    from jaxradar.labcsv import looks_like_radar, read_lab_csv
+
     if path.is_dir() or looks_like_radar(path):
         return read_lab_csv(path)
     raise ConfigError(
