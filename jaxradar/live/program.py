@@ -89,6 +89,6 @@ def _runtime() -> Any:
         import iree.runtime
     except ImportError:
         raise ConfigError(
-            "a compiled detector needs IREE's runtime; install it with `pip install iree-base-runtime`."
+            "a compiled detector needs IREE's runtime; install it with `pip install 'iree-base-runtime>=3.13,<3.14'`."
         ) from None
     return iree.runtime
