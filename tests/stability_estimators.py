@@ -103,7 +103,10 @@ def estimator_cases() -> Iterator[Case]:
                     function=partial(_estimate, made, names, near),
                     inputs=partial(_estimator_inputs, made, names, near),
                     answer=partial(_estimator_answer, kind, made, near),
-                    scale={"position": "bins", "amplitude": "largest"},
+                    scale={
+                        "position": "bins, or what rounding leaves" if kind == "MatchedFilter" else "bins",
+                        "amplitude": "largest",
+                    },
                     bound=POSITION_BOUND.get(kind, 1e-3),
                     bound64=1e-7,
                     sizes=(3, 17, 128) if near else hard.SIZES,

@@ -64,7 +64,9 @@ def measure(case: Case, size: Any, dtype: str = "float32", bend: bool = True) ->
         columns = stacked(inputs, hard.DTYPES[dtype])
         # Written once: what is a finite float64 may be an infinity in float16.
         exact = [one.astype(np.float64) if one.dtype.kind in "fV" else one for one in columns]
-        values = run_guarded(jax.jit(jax.vmap(case.function)), columns, problems)
+        # In double precision LLVM gives up on some programs for AVX-512 if it is to make them fast.
+        options = UNHURRIED if dtype == "float64" else None
+        values = run_guarded(jax.jit(jax.vmap(case.function), compiler_options=options), columns, problems)
         slopes = {}
         if bend and (case.smooth or case.settings):
             program = jax.jit(jax.vmap(partial(derivatives, case)), compiler_options=UNHURRIED)
