@@ -28,9 +28,11 @@ __all__ = [
     "SweepFlag",
     "Truth",
     "kept_bins",
+    "unrounded_bin_m",
 ]
 
 NANOSECONDS = 1_000_000_000
+_ROUNDING_M = 1e-6
 _MOST_SECONDS = 1e10  # int64 nanoseconds end at 9.2e9 s
 FULL_SCALE = 65535  # of the sensor's uint16 counts: an amplitude there is saturated
 SWEEP_DTYPES = (np.dtype(np.uint16), np.dtype(np.float32), np.dtype(np.float64))
@@ -54,6 +56,17 @@ MAKERS_FLAGS = {
     "data_quality_warning": SweepFlag.QUALITY_WARNING,
     "sensor_comm_error": SweepFlag.COMMUNICATION_ERROR,
 }
+
+
+def unrounded_bin_m(bin_m: float, length_m: float, bins: int) -> float:
+    """Distance of neighbouring range bins in metres, of which the A111's server and recordings state `bin_m` rounded.
+
+    It is rounded to micrometres, 0.48426 mm to 0.000484 m, which is .3 mm too little at the far end of a sweep of 0.6
+    m. `length_m`, first bin to last, is not; so it is length / (bins − 1), as in the maker's `get_range_depths`, where
+    the two agree to that rounding, and `bin_m` as it stands where they do not.
+    """
+    fine_m = length_m / max(bins - 1, 1)
+    return fine_m if abs(fine_m - bin_m) <= _ROUNDING_M else bin_m
 
 
 def kept_bins(have: int, bins: int) -> np.ndarray:

@@ -23,7 +23,7 @@ from jaxradar.systems.step import DetectorFile, StepTrace, detect, load_detector
 
 FLOATS = ("range_m", "speed_m_s", "strength", "statistic", "impact_in_s")
 # Of the real recordings, thinned to 128 bins as in the lab.
-RECORDED_M = np.linspace(0.2, 0.799676, 1240)[kept_bins(1240, 128)]
+RECORDED_M = np.linspace(0.2, 0.8, 1240)[kept_bins(1240, 128)]
 FLAGS = ("valid", "saturated", "event")
 
 

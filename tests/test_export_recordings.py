@@ -14,8 +14,8 @@ from jaxradar.live.detect import LiveDecision
 from jaxradar.systems.step import detect, thin
 
 ULPS = 4.0
-# What is said to be the same: 1e-4 of the largest, as is asked of a program before it is given out.
-TOLERANCE = 1e-4
+# Of the largest.
+TOLERANCE = 1e-5
 
 
 def differing(name: str, path: Path) -> tuple[int, int, list[LiveDecision]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -16,6 +17,18 @@ from jaxradar.drive import RoadStep, SweepFlag, Truth
 from jaxradar.logs import find_logs, read_log
 
 SESSION = {"range_start_m": 0.2, "data_length": 24, "step_length_m": 0.000484}
+
+
+@pytest.mark.parametrize(
+    "length_m, bins, expected", [(0.6, 1240, 0.6 / 1239), (0.3, 1240, 0.000484), ("far", 1240, 0.000484)]
+)
+def test_the_step_is_taken_unrounded_where_the_length_says_it(
+    tmp_path: Path, length_m: Any, bins: int, expected: float
+) -> None:
+    session = SESSION | {"data_length": bins, "range_length_m": length_m}
+    path = write_h5(tmp_path / "a.h5", data=np.ones((6, 1, bins), np.uint16), session_info=json.dumps(session))
+    (series,) = read_log(path).sensors
+    np.testing.assert_allclose(series.range_m, 0.2 + np.arange(bins) * expected, rtol=1e-12)
 
 
 def test_a_recording_as_the_makers_tool_saves_it(tmp_path: Path) -> None:
@@ -158,7 +171,7 @@ def test_real_recordings_of_roads() -> None:
         drive = read_log(path)
         (series,) = drive.sensors
         assert series.sweeps.shape == (len(series), 1240)
-        assert abs(series.bin_m - 0.000484) < 1e-12
+        assert abs(series.bin_m - 0.6 / 1239) < 1e-12
         assert series.range_m[0] == 0.2
         assert series.sweep_rate_hz is not None
         assert 31.3 < series.sweep_rate_hz < 31.6

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import io
-import py_compile
+import marshal
 import stat
-import tempfile
 import zipfile
+from importlib.util import MAGIC_NUMBER, source_hash
 from os import PathLike
 from pathlib import Path
-from py_compile import PycInvalidationMode
 
 import jaxradar
 from jaxradar.drivefile import staged
@@ -65,13 +64,19 @@ def _modules() -> dict[str, bytes]:
         found = root / name
         files += sorted(found.rglob("*.py")) if found.is_dir() else [found]
     made: dict[str, bytes] = {}
-    with tempfile.TemporaryDirectory(prefix="jaxradar-export-") as folder:
-        for file in files:
-            name = f"jaxradar/{file.relative_to(root).as_posix()}"
-            compiled = Path(folder, "compiled")
-            # Unchecked: in an archive source and code do not part. `name`: tracebacks show no folder of this machine.
-            py_compile.compile(
-                str(file), str(compiled), name, doraise=True, invalidation_mode=PycInvalidationMode.UNCHECKED_HASH
-            )
-            made |= {name: file.read_bytes(), f"{name}c": compiled.read_bytes()}
+    for file in files:
+        # Tracebacks show no folder of this machine.
+        name = f"jaxradar/{file.relative_to(root).as_posix()}"
+        source = file.read_bytes()
+        made |= {name: source, f"{name}c": _compiled(source, name)}
     return made
+
+
+def _compiled(source: bytes, name: str) -> bytes:
+    """As `py_compile` makes it, checked against no source (PEP 552), as source and code do not part in an archive.
+
+    In marshal's second version: later ones mark what is referred to more than once, by counts that are chance.
+    """
+    code = marshal.dumps(compile(source, name, "exec", dont_inherit=True, optimize=0), 2)
+    unchecked = (1).to_bytes(4, "little")
+    return MAGIC_NUMBER + unchecked + source_hash(source) + code

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-__all__ = ["ActualRange", "actual_range", "range_problems", "sensor_problems"]
+from jaxradar.drive import unrounded_bin_m
 
-_ROUNDING_M = 1e-6
+__all__ = ["ActualRange", "actual_range", "range_problems", "sensor_problems"]
 
 
 class ActualRange(NamedTuple):
@@ -25,10 +25,6 @@ class ActualRange(NamedTuple):
 def actual_range(session: Mapping[str, Any]) -> tuple[ActualRange, int]:
     """The range and the number of bins, out of what the maker's client calls a session's information.
 
-    The server rounds what it says to micrometres, its step of 0.48426 mm to 0.000484 m, which is .3 mm too little at
-    the far end of a sweep; so the step is length / (bins - 1), as in the maker's `get_range_depths`, where the two
-    agree to that rounding.
-
     Raises `ValueError`, half a sentence whose subject is the server, if it is none.
     """
     try:
@@ -39,8 +35,7 @@ def actual_range(session: Mapping[str, Any]) -> tuple[ActualRange, int]:
     if not (all(map(math.isfinite, found)) and found[2] > 1e-6 and 2 <= length <= 100_000):
         raise ValueError(f"measures no range: {session!r:.200}.")
     start_m, length_m, step_m = found
-    fine_m = length_m / (length - 1)
-    return ActualRange(start_m, length_m, fine_m if abs(fine_m - step_m) <= _ROUNDING_M else step_m), length
+    return ActualRange(start_m, length_m, unrounded_bin_m(step_m, length_m, length)), length
 
 
 def range_problems(axis: np.ndarray, actual: ActualRange, asked: tuple[float, float]) -> list[str]:

@@ -2,9 +2,9 @@
 
 At the top of the file stand `data` (sweeps, sensors, bins), uint16 for the envelope and complex for IQ;
 `sample_times` (sweeps,), Unix seconds; and JSON texts: `session_info` (`range_start_m`, `step_length_m`,
-`data_length`), `sensor_config_dump` (`mode`, `sensor`: the sensors' numbers, `profile`, `update_rate`, ...) and
-`data_info`, which holds for each sweep and sensor `missed_data`, `data_saturated`, `data_quality_warning` and
-`sensor_comm_error`. `mode` and `rss_version` are texts.
+`data_length`, often `range_length_m`), `sensor_config_dump` (`mode`, `sensor`: the sensors' numbers, `profile`,
+`update_rate`, ...) and `data_info`, which holds for each sweep and sensor `missed_data`, `data_saturated`,
+`data_quality_warning` and `sensor_comm_error`. `mode` and `rss_version` are texts.
 
 A file may be damaged: nothing is read before its size is known to be within what the file can hold.
 """
@@ -21,7 +21,7 @@ import h5py  # type: ignore[import-untyped]
 import numpy as np
 
 from jaxradar._errors import LogError
-from jaxradar.drive import FULL_SCALE, MAKERS_FLAGS, NANOSECONDS, Drive, SensorSeries, SweepFlag
+from jaxradar.drive import FULL_SCALE, MAKERS_FLAGS, NANOSECONDS, Drive, SensorSeries, SweepFlag, unrounded_bin_m
 from jaxradar.labcsv import odd_times, read_truth, truth_path
 from jaxradar.logs.hdf5_text import heap_text
 
@@ -204,6 +204,9 @@ class _Recording:
         length = session.get("data_length", bins)
         if length != bins:
             raise self._refuse("session_info", f"has `data_length` {length!r:.40}; `data` has {bins} bins.")
+        whole: Any = session.get("range_length_m")
+        if type(whole) in (int, float):
+            step = unrounded_bin_m(step, whole, bins)
         range_m: np.ndarray = start + np.arange(bins) * float(step)
         if not (np.diff(range_m) > 0).all():
             raise self._refuse("session_info", f"has a `step_length_m` of {step!r}, too small to tell bins apart.")

@@ -26,7 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, UInt
 
-from jaxradar._numerics import finite, largest_row, row_major, select_largest, tree
+from jaxradar._numerics import finite, largest_row, row_major, safe_divide, select_largest, tree
 from jaxradar._settings import bounded, setting, shape_setting
 from jaxradar._types import Flags, RawSweep, Scalar, Setting
 from jaxradar.systems.step.approach_bank import cost, largest_place, means_around, moved_on
@@ -279,7 +279,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         # Every other cell says enough.
         power, mean, far = power[::2], mean[::2], tracks.far[::2]
         some = (power > 0) & over(far, noise)
-        inverse = 1.0 / jnp.where(some, power, 1.0)
+        inverse = safe_divide(jnp.ones_like(power), jnp.where(some, power, 0.0), 1.0)
         weight = jnp.where(some, jnp.maximum(1.0 - noise * inverse, 0.0), 0.0) ** 2
         more = mean**2 * inverse - SPECKLE - self.stands * (1.0 - SPECKLE) * weight
         # Where noise alone is seen, nothing is known to stand.
@@ -290,7 +290,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         times = partial(jnp.tensordot, axes=1)
         expected = jnp.maximum(times(tracks.at, seen.power), self.fade_share * times(tracks.around, seen.power))
         some = expected > 0
-        inverse = 1.0 / jnp.where(some, expected, 1.0)
+        inverse = safe_divide(jnp.ones_like(expected), expected, 1.0)
         at_each = partial(over, logs=seen.noise)
         score = at_each(tracks.tilt) * times(tracks.at, cells) * jnp.sqrt(inverse) - at_each(tracks.cost)
         score = jnp.where(seen.counts & at_each(tracks.inside) & some, score, 0.0)
