@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 
 from jaxradar._errors import ConfigError
+from jaxradar.motion import Channel, Motion, integer_times
+from jaxradar.units import NANOSECONDS
 
 __all__ = [
     "MAKERS_FLAGS",
@@ -31,7 +33,6 @@ __all__ = [
     "unrounded_bin_m",
 ]
 
-NANOSECONDS = 1_000_000_000
 _ROUNDING_M = 1e-6
 _MOST_SECONDS = 1e10  # int64 nanoseconds end at 9.2e9 s
 FULL_SCALE = 65535  # of the sensor's uint16 counts: an amplitude there is saturated
@@ -80,13 +81,6 @@ def kept_bins(have: int, bins: int) -> np.ndarray:
     return have * np.arange(bins, dtype=np.int64) // bins
 
 
-def _times(values: Any, name: str) -> np.ndarray:
-    times = np.asarray(values)
-    if times.ndim != 1 or times.dtype != np.int64:
-        raise ValueError(f"`{name}` must be a vector of int64 nanoseconds; got {times.dtype} of shape {times.shape}.")
-    return times
-
-
 @dataclass(frozen=True, eq=False)
 class SensorSeries:
     """All sweeps of one sensor.
@@ -111,7 +105,7 @@ class SensorSeries:
     spec: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        count = len(_times(self.times_ns, "SensorSeries(times_ns=...)"))
+        count = len(integer_times(self.times_ns, "SensorSeries(times_ns=...)"))
         if self.sweeps.dtype not in SWEEP_DTYPES:
             raise ValueError(f"`SensorSeries(sweeps=...)` must be uint16, float32 or float64; got {self.sweeps.dtype}.")
         if self.range_m.ndim != 1 or self.range_m.dtype != np.float64 or len(self.range_m) < 2:
@@ -165,40 +159,6 @@ class SensorSeries:
     def invalid(self) -> np.ndarray:
         """(sweeps,) bool: the sensor or the reader says that there is no echo to be used."""
         return (self.flags & SweepFlag.INVALID) != 0
-
-
-@dataclass(frozen=True, eq=False)
-class Channel:
-    """One quantity over time: `times_ns` (n,) int64 since the first sweep of the drive, `values` (n,) float64."""
-
-    times_ns: np.ndarray
-    values: np.ndarray
-
-    def __post_init__(self) -> None:
-        count = len(_times(self.times_ns, "Channel(times_ns=...)"))
-        if self.values.shape != (count,) or self.values.dtype != np.float64:
-            raise ValueError(
-                f"`Channel(values=...)` must be float64 of shape {(count,)}; "
-                f"got {self.values.dtype} of shape {self.values.shape}."
-            )
-
-    @property
-    def times_s(self) -> np.ndarray:
-        """(n,) float64 seconds since the first sweep of the drive."""
-        return self.times_ns / NANOSECONDS
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """How the car moved, each part as far as it was recorded.
-
-    `acceleration_m_s2`: vertical acceleration of the body. `yaw_rate_rad_s`: positive to the left.
-    `speed_m_s`: positive forwards.
-    """
-
-    acceleration_m_s2: Channel | None = None
-    yaw_rate_rad_s: Channel | None = None
-    speed_m_s: Channel | None = None
 
 
 @dataclass(frozen=True)
@@ -260,7 +220,7 @@ class Drive:
     """
 
     sensors: tuple[SensorSeries, ...]
-    motion: Motion = Motion()
+    motion: Motion = field(default_factory=Motion)
     mounting: Mounting | None = None
     truth: Truth | None = None
     started_at_ns: int | None = None

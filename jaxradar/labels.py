@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from jaxradar.drive import NANOSECONDS, Channel, RoadStep
+from jaxradar.drive import Channel, RoadStep
+from jaxradar.units import NANOSECONDS
 
 __all__ = ["propose_steps"]
 

@@ -19,7 +19,8 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from jaxradar.drive import NANOSECONDS, Channel, RoadStep
+from jaxradar.drive import Channel, RoadStep
+from jaxradar.units import NANOSECONDS
 
 __all__ = ["Counted", "MatchWindow", "Matching", "Score", "Summary", "match_steps", "speed_at", "summarise"]
 

@@ -6,12 +6,14 @@ import math
 from typing import Any
 
 __all__ = [
+    "NANOSECONDS",
     "SPEED_OF_LIGHT_M_S",
     "WAVELENGTH_60_GHZ_M",
     "free_space_loss",
     "friis_power_ratio",
 ]
 
+NANOSECONDS = 1_000_000_000  # in a second
 SPEED_OF_LIGHT_M_S = 299_792_458.0  # exact, by definition of the metre (BIPM, SI brochure, 9th edition)
 WAVELENGTH_60_GHZ_M = SPEED_OF_LIGHT_M_S / 60e9
 

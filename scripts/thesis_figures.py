@@ -20,10 +20,11 @@ from pathlib import Path
 import numpy as np
 
 from jaxradar import sim
-from jaxradar.drive import NANOSECONDS, Drive
+from jaxradar.drive import Drive
 from jaxradar.matching import MatchWindow, match_steps, summarise
 from jaxradar.sim.road.drives import HARD_M_S2
 from jaxradar.systems.step import RangeRateDetector, StepDetector, detect, load_detector
+from jaxradar.units import NANOSECONDS
 
 DRIVES, STUDENT = 20, 2.093
 TRIALS = 200

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxradar.drive import NANOSECONDS, SensorSeries, SweepFlag
+from jaxradar.drive import SensorSeries, SweepFlag
+from jaxradar.units import NANOSECONDS
 
 BINS = 128
 # The fixture's spacing (figure C.1): a bin at 100 Hz is .70338 m/s, safely on one side of the thesis's .7.

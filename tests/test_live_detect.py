@@ -14,15 +14,17 @@ from hypothesis import strategies as st
 from live_samples import assert_as_detected, eager, live_detector, ready_drive, taken, through, wandering
 
 from jaxradar._errors import ConfigError
-from jaxradar.drive import NANOSECONDS, Drive, SweepFlag
+from jaxradar.drive import Drive, SweepFlag
 from jaxradar.export import JaxStep
 from jaxradar.live import LiveSweep, Replay
 from jaxradar.live import run as running
 from jaxradar.live.artefact import DECISION, DIGITS, Header
 from jaxradar.live.detect import LiveDecision, LiveDetector, Step
 from jaxradar.live.run import Tally, event_record, run
+from jaxradar.motion import Motion
 from jaxradar.systems.step import detect
 from jaxradar.systems.step.packed import DECISION_FIELDS
+from jaxradar.units import NANOSECONDS
 
 
 class Echoing:
@@ -133,6 +135,22 @@ def test_times_that_stand_still_or_go_back(name: str) -> None:
     found = taken(live_detector(detector, odd), Drive((odd,)))[1]
     assert np.isfinite([number for each in found for number in each[3:8]]).all()
     assert_as_detected(found, detect(detector, odd))
+
+
+def test_motion_goes_with_the_sweeps_of_a_replayed_drive() -> None:
+    """Where it was recorded and the detector uses it, as over the whole series; else nothing is known of it."""
+    drive = ready_drive()
+    one = drive.sensors[0]
+    detector = eager("innovation", one)
+    moved, still = (detect(detector, one, motion) for motion in (drive.motion, Motion()))
+    assert not np.allclose(moved.statistic, still.statistic)
+    with Replay(drive, pace=None) as source:
+        assert source.tells_motion
+    assert_as_detected(taken(live_detector(detector, one), drive)[one.sensor], moved)
+    unknown = dataclasses.replace(drive, motion=Motion())
+    with Replay(unknown, pace=None) as source:
+        assert not source.tells_motion
+    assert_as_detected(taken(live_detector(detector, one), unknown)[one.sensor], still)
 
 
 def test_decisions_of_other_fields_are_refused() -> None:

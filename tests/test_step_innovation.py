@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from step_samples import RANGE_M, over_a_step
 
-from jaxradar.drive import NANOSECONDS, Channel, Motion
+from jaxradar.drive import Channel, Motion
 from jaxradar.estimate.intervals import proportion
 from jaxradar.systems.step import (
     InnovationDetector,
@@ -25,6 +25,7 @@ from jaxradar.systems.step import (
     stack,
 )
 from jaxradar.systems.step.config import SweepPeak
+from jaxradar.units import NANOSECONDS
 
 AXIS = RangeAxis.of(RANGE_M)
 DT = 1.0 / 300.0

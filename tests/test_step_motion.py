@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from step_samples import over_a_step, series
 
-from jaxradar.drive import NANOSECONDS, Channel, Motion
+from jaxradar.drive import Channel, Motion
+from jaxradar.motion import HELD_S
 from jaxradar.systems.step import (
     DETECTORS,
     MotionSample,
@@ -27,7 +28,7 @@ from jaxradar.systems.step import (
     stack,
     time_steps,
 )
-from jaxradar.systems.step.motion import HELD_S
+from jaxradar.units import NANOSECONDS
 
 
 def channel(times_s: Any, values: Any) -> Channel:

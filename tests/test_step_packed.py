@@ -28,7 +28,7 @@ def packed(name: str, bins: int = 128) -> PackedStep:
 @pytest.mark.parametrize("name", DETECTORS)
 def test_sweep_by_sweep_as_over_the_whole_series(name: str) -> None:
     """Without motion, as a live source has none."""
-    drive = ready_drive()
+    drive = dataclasses.replace(ready_drive(), motion=Motion())
     one = drive.sensors[0]
     detector = eager(name, one)
     trace = detect(detector, one)

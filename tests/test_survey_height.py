@@ -10,7 +10,7 @@ import pytest
 from step_samples import series
 
 from jaxradar._errors import ConfigError
-from jaxradar.drive import NANOSECONDS, Channel, Motion
+from jaxradar.drive import Channel, Motion
 from jaxradar.sim import drive_seeds
 from jaxradar.suite import StepCell, height_bound_m, heights_grid, measure_heights
 from jaxradar.suite.heights import HeightErrors
@@ -19,6 +19,7 @@ from jaxradar.survey.ground import strip_powers, strips_of
 from jaxradar.survey.height import HEIGHTS_M, _inflation, _rise
 from jaxradar.survey.height_grid import Car, Passage, height_likelihood, road_table
 from jaxradar.systems.step import DefaultDetector, StepEvent
+from jaxradar.units import NANOSECONDS
 
 GROUND = Ground(*(jnp.asarray(one) for one in (0.35, math.radians(45.0), math.log(0.21), 14.0, 11.0, 9.0)))
 RANGE_M = np.arange(0.24, 0.65, 0.014)

@@ -77,7 +77,8 @@ def describe(path: str, drive: Drive) -> dict[str, Any]:
 def _sensor(series: SensorSeries) -> dict[str, Any]:
     import numpy as np
 
-    from jaxradar.drive import NANOSECONDS, SweepFlag
+    from jaxradar.drive import SweepFlag
+    from jaxradar.units import NANOSECONDS
 
     gaps_s = np.diff(series.times_ns) / NANOSECONDS
     forwards = gaps_s[gaps_s > 0]

@@ -68,7 +68,7 @@ def _compiled(path: str) -> tuple[Header, Step]:
     artefact = read_artefact(path)
     header = artefact.header
     if header.kind == "iree":
-        return header, Program(artefact.program, header.first_state, header.inputs, len(header.decision))
+        return header, Program.of_artefact(artefact)
     from jaxradar.export import JaxStep
 
     return header, JaxStep.of_artefact(artefact)
@@ -76,16 +76,13 @@ def _compiled(path: str) -> tuple[Header, Step]:
 
 def _made(detector: str, source: Source) -> tuple[Header, Step]:
     """A detector by its name or file, compiled by JAX for an open source."""
-    import numpy as np
-
     from jaxradar.export import JaxStep
     from jaxradar.export.make import header_of
     from jaxradar.systems.step import RangeAxis, load_detector
     from jaxradar.systems.step.packed import PackedStep
 
     file = load_detector(detector)
-    sweeps = np.dtype(getattr(source, "dtype", np.uint16))
-    step = PackedStep(file.detector, RangeAxis.of(source.range_m), sweeps)
+    step = PackedStep(file.detector, RangeAxis.of(source.range_m), source.dtype)
     return header_of(file, step, kind="jax", target="host", sensors=source.sensors, versions={}), JaxStep.of_step(step)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar.cluster import Cluster, Here, LostError, cluster_of
-from jaxradar.drive import NANOSECONDS, Channel, Drive, Motion, SensorSeries, Truth
+from jaxradar.drive import Channel, Drive, Motion, SensorSeries, Truth
 from jaxradar.evaluation.picture import picture_of
 from jaxradar.evaluation.records import Drawn, Events, Failure, SeriesResult
 from jaxradar.evaluation.selection import Part, Selection, Settings
@@ -21,6 +21,7 @@ from jaxradar.logs import find_logs, read_log
 from jaxradar.matching import MatchWindow, Score, match_steps
 from jaxradar.systems.step import Decision, StepDetector, detect_series, load_detector
 from jaxradar.systems.step.pipeline import trace_of
+from jaxradar.units import NANOSECONDS
 
 __all__ = ["evaluate", "evaluate_each", "evaluate_parts"]
 

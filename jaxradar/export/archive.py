@@ -17,7 +17,7 @@ from jaxradar.live.artefact import HEADER, PROGRAMS, Artefact
 __all__ = ["MODULES", "archive_bytes", "write_archive"]
 
 # What the program on the device is made of; all of it needs NumPy alone.
-MODULES = ("__init__.py", "_errors.py", "_toml.py", "drive.py", "units.py", "drivefile", "labcsv", "live")
+MODULES = ("__init__.py", "_errors.py", "_toml.py", "drive.py", "motion.py", "units.py", "drivefile", "labcsv", "live")
 _FIRST_LINE = b"#!/usr/bin/env python3\n"
 _MAIN = """\
 import sys

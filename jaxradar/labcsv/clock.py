@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxradar.drive import NANOSECONDS
+from jaxradar.units import NANOSECONDS
 
 __all__ = ["odd_times", "unwrap_counter"]
 

@@ -19,10 +19,11 @@ from pathlib import Path
 import numpy as np
 
 from jaxradar._errors import LogError
-from jaxradar.drive import FULL_SCALE, NANOSECONDS, Channel, Drive, Motion, SensorSeries, SweepFlag
+from jaxradar.drive import FULL_SCALE, Channel, Drive, Motion, SensorSeries, SweepFlag
 from jaxradar.labcsv.clock import odd_times, unwrap_counter
 from jaxradar.labcsv.table import NUMBER, Table, is_cut, read_bytes, read_table, shown
 from jaxradar.labcsv.truth import read_truth, truth_path
+from jaxradar.units import NANOSECONDS
 
 __all__ = [
     "MOTION_COLUMNS",

@@ -15,8 +15,8 @@ from typing import NoReturn
 import numpy as np
 
 from jaxradar._errors import LogError
-from jaxradar.drive import NANOSECONDS
 from jaxradar.labcsv.parse import by_pyarrow, by_python
+from jaxradar.units import NANOSECONDS
 
 __all__ = ["NUMBER", "Table", "is_cut", "read_bytes", "read_table", "shown"]
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxradar._errors import LogError
-from jaxradar.drive import FULL_SCALE, NANOSECONDS, Drive, SensorSeries, SweepFlag
+from jaxradar.drive import FULL_SCALE, Drive, SensorSeries, SweepFlag
 from jaxradar.drivefile import staged
 from jaxradar.labcsv.reader import (
     MOTION_COLUMNS,
@@ -23,6 +23,7 @@ from jaxradar.labcsv.reader import (
     sensor_number,
 )
 from jaxradar.labcsv.truth import truth_path, truth_text
+from jaxradar.units import NANOSECONDS
 
 __all__ = ["write_lab_csv"]
 

@@ -106,7 +106,7 @@ class AcconeerSource(Source):
         self._length = 0
         self._missed = 0
         self.actual: ActualRange | None = None  # known after `open`
-        self.problems: tuple[str, ...] = ()  # one sentence for each thing that is not as asked for
+        self._problems: tuple[str, ...] = ()
 
     @property
     def range_m(self) -> np.ndarray:
@@ -117,6 +117,11 @@ class AcconeerSource(Source):
     def sensors(self) -> tuple[int, ...]:
         """Their numbers on the connector board."""
         return self._sensors
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """One sentence for each thing that is not as asked for."""
+        return self._problems
 
     @property
     def missed(self) -> int:
@@ -249,7 +254,7 @@ class AcconeerSource(Source):
         found = range_problems(axis, actual, self._asked)
         if self._link is not None:
             found += sensor_problems(self._link.answer, self._sensors, actual, length)
-        self.problems = tuple(f"{self._place}: {problem}" for problem in found)
+        self._problems = tuple(f"{self._place}: {problem}" for problem in found)
 
     @contextlib.contextmanager
     def _reported(self, doing: str) -> Iterator[None]:

@@ -11,16 +11,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-import numpy as np
-
 from jaxradar._errors import ConfigError, JaxradarError
-from jaxradar.drive import NANOSECONDS, Drive
+from jaxradar.drive import Drive
 from jaxradar.live.artefact import Header, read_artefact
 from jaxradar.live.detect import LiveDecision, LiveDetector
 from jaxradar.live.options import BINS, HOST, SENSORS, add_live_options
 from jaxradar.live.program import Program
 from jaxradar.live.run import Tally, event_record, run
 from jaxradar.live.sweeps import Source
+from jaxradar.units import NANOSECONDS
 
 __all__ = ["DEVICE_SOURCES", "acconeer_of", "detect_live", "main", "read_device_log", "replay_of"]
 
@@ -69,7 +68,7 @@ def load(file: str) -> tuple[Header, Program]:
     header = artefact.header
     if header.kind != "iree":
         raise ConfigError(f"{file}: is compiled for JAX; run it with `jaxradar live --detector`.")
-    return header, Program(artefact.program, header.first_state, header.inputs, len(header.decision))
+    return header, Program.of_artefact(artefact)
 
 
 def device_source(args: argparse.Namespace, header: Header) -> Source:
@@ -147,8 +146,8 @@ def detect_live(args: argparse.Namespace, source: Source, detector_of: Callable[
         with source:
             detector = detector_of(source)
             detector.header.check_axis(source.range_m)
-            detector.header.check_amplitudes(np.dtype(getattr(source, "dtype", np.uint16)))
-            for problem in getattr(source, "problems", ()):
+            detector.header.check_amplitudes(source.dtype)
+            for problem in (*source.problems, *_blind(source, detector.header)):
                 print(problem, file=sys.stderr)
             run(source, detector, tally, each)
     finally:
@@ -160,6 +159,12 @@ def detect_live(args: argparse.Namespace, source: Source, detector_of: Callable[
     else:
         print(_summary(tally, source.missed, detector.misfits), file=sys.stderr)
     return _ENDED_BY_SIGNAL + ended[0] if ended else 0
+
+
+def _blind(source: Source, header: Header) -> list[str]:
+    if not header.motion or source.tells_motion:
+        return []
+    return [f"{header.detector} goes by the car's motion too, of which this source tells nothing: by the sweeps alone."]
 
 
 def _json_line(decision: LiveDecision, header: Header) -> str:

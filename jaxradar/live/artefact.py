@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from jaxradar._errors import ConfigError
+from jaxradar.motion import MOTION_FIELDS
 
 __all__ = ["DECISION", "FORMAT", "HEADER", "PROGRAMS", "Artefact", "Header", "is_artefact", "read_artefact", "units"]
 
@@ -187,6 +188,6 @@ def _header(values: dict[str, Any]) -> Header:
     sweeps, vectors, decision = values["sweeps"], values["vectors"], values["decision"]
     if sweeps not in ("uint16", "float32", "float64") or vectors not in ("float32", "float64"):
         raise ValueError(f"sweeps of {sweeps!r} in vectors of {vectors!r}")
-    if decision != DECISION:
-        raise ValueError(f"decisions of {decision!r}")
+    if decision != DECISION or values["motion"] not in ((), MOTION_FIELDS):
+        raise ValueError(f"decisions of {decision!r} by motion of {values['motion']!r}")
     return Header(**values)

@@ -6,9 +6,10 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from jaxradar.drive import NANOSECONDS, SweepFlag
+from jaxradar.drive import SweepFlag
 from jaxradar.live.artefact import DECISION, Header
 from jaxradar.live.sweeps import LiveSweep
+from jaxradar.units import NANOSECONDS
 
 __all__ = ["LiveDecision", "LiveDetector", "Step"]
 
@@ -79,6 +80,8 @@ class LiveDetector:
             inputs[:bins] = 0
             flags |= SweepFlag.NO_AMPLITUDES
         inputs[bins] = flags
+        if self.header.motion:
+            inputs[bins + 2 :] = live.motion or 0.0
         # Differenced as integers: what is left is small enough for any precision.
         inputs[bins + 1] = (live.time_ns - held.before_ns) / NANOSECONDS
         held.before_ns = live.time_ns

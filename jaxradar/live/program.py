@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from jaxradar._errors import ConfigError
+from jaxradar.live.artefact import Artefact
 
 __all__ = ["Program"]
 
@@ -35,6 +36,12 @@ class Program:
         self._function, self._invoke = function, context.vm_context.invoke
         self._outputs = [outputs]
         self._begin(state, inputs)
+
+    @classmethod
+    def of_artefact(cls, artefact: Artefact) -> Program:
+        """The program of a compiled file."""
+        header = artefact.header
+        return cls(artefact.program, header.first_state, header.inputs, len(header.decision))
 
     def another(self) -> Program:
         """The same program from its first state on, for another sensor."""

@@ -7,13 +7,16 @@ import heapq
 import math
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import repeat
 
 import numpy as np
 
 from jaxradar._errors import ConfigError
-from jaxradar.drive import NANOSECONDS, Drive, SensorSeries, SweepFlag
+from jaxradar.drive import Drive, SensorSeries, SweepFlag
 from jaxradar.live.sweeps import LiveSweep, Source
+from jaxradar.motion import MOTION_FIELDS, known_motion
+from jaxradar.units import NANOSECONDS
 
 __all__ = ["Replay"]
 
@@ -41,6 +44,7 @@ class Replay(Source):
             raise ConfigError(f"a drive cannot be replayed at pace {pace}; expected a number above 0, 1 as recorded.")
         self._pace = pace
         self._series = _of_one_axis(drive, sensors)
+        self._motion = drive.motion
         self._bell: _Bell | None = None
         self._missed = 0
 
@@ -53,6 +57,11 @@ class Replay(Source):
     def dtype(self) -> np.dtype:
         """Of the amplitudes, one that holds those of all sensors."""
         return np.result_type(*(series.sweeps.dtype for series in self._series))
+
+    @property
+    def tells_motion(self) -> bool:
+        """Whether any of it was recorded."""
+        return self._motion.recorded
 
     @property
     def sensors(self) -> tuple[int, ...]:
@@ -82,7 +91,7 @@ class Replay(Source):
 
     def _paced(self, bell: _Bell) -> Iterator[LiveSweep]:
         start_ns, origin_ns, latest_ns = time.monotonic_ns(), None, 0
-        for sweep in heapq.merge(*map(_sweeps_of, self._series), key=lambda sweep: sweep.time_ns):
+        for sweep in heapq.merge(*map(self._sweeps_of, self._series), key=lambda sweep: sweep.time_ns):
             if self._pace is not None:
                 if origin_ns is None:
                     origin_ns = latest_ns = sweep.time_ns
@@ -97,6 +106,16 @@ class Replay(Source):
             if sweep.flags & SweepFlag.MISSED_DATA:
                 self._missed += 1
             yield sweep
+
+    def _sweeps_of(self, series: SensorSeries) -> Iterator[LiveSweep]:
+        moved: Iterable[Sequence[float]] = repeat(())
+        if self.tells_motion:
+            known = known_motion(self._motion, series.times_ns)
+            moved = zip(*(known[name].tolist() for name in MOTION_FIELDS), strict=True)
+        for row, motion in zip(range(len(series)), moved, strict=False):
+            yield LiveSweep(
+                series.sensor, int(series.times_ns[row]), series.sweeps[row], int(series.flags[row]), motion
+            )
 
 
 class _Bell:
@@ -121,11 +140,6 @@ class _Bell:
 def _wait_until(bell: _Bell, due_ns: int) -> None:
     while not bell.rung and (left_ns := due_ns - time.monotonic_ns()) > 0:
         bell.wait(min(left_ns / NANOSECONDS, _LONGEST_WAIT_S))
-
-
-def _sweeps_of(series: SensorSeries) -> Iterator[LiveSweep]:
-    for time_ns, sweep, flags in zip(series.times_ns, series.sweeps, series.flags, strict=True):
-        yield LiveSweep(series.sensor, int(time_ns), sweep, int(flags))
 
 
 def _of_one_axis(drive: Drive, sensors: Sequence[int] | None) -> tuple[SensorSeries, ...]:

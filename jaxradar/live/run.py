@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxradar.drive import NANOSECONDS, SweepFlag
+from jaxradar.drive import SweepFlag
 from jaxradar.live.detect import LiveDecision, LiveDetector
 from jaxradar.live.sweeps import LiveSweep, Source
+from jaxradar.units import NANOSECONDS
 
 __all__ = ["Tally", "event_record", "run"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -21,12 +21,14 @@ class LiveSweep(NamedTuple):
       replayed drive as recorded.
     - `sweep`: (bins,), envelope in ADC counts; uint16, float32 or float64 only where a replayed log holds that.
     - `flags`: of `jaxradar.drive.SweepFlag`.
+    - `motion`: what is known of the car's by then, `jaxradar.motion.MOTION_FIELDS`; empty where the source tells none.
     """
 
     sensor: int
     time_ns: int
     sweep: np.ndarray
     flags: int
+    motion: Sequence[float] = ()
 
 
 @runtime_checkable
@@ -47,6 +49,21 @@ class Source(Protocol):
     def sensors(self) -> tuple[int, ...]:
         """Their numbers on the connector board."""
         ...
+
+    @property
+    def dtype(self) -> np.dtype:
+        """Of the amplitudes: whole counts, unless a source says otherwise."""
+        return np.dtype(np.uint16)
+
+    @property
+    def tells_motion(self) -> bool:
+        """Whether sweeps come with the car's motion: not, unless a source says otherwise."""
+        return False
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What of the settings is not as asked for, a sentence each, once it is open."""
+        return ()
 
     @property
     def missed(self) -> int:

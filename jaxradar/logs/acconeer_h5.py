@@ -21,9 +21,10 @@ import h5py  # type: ignore[import-untyped]
 import numpy as np
 
 from jaxradar._errors import LogError
-from jaxradar.drive import FULL_SCALE, MAKERS_FLAGS, NANOSECONDS, Drive, SensorSeries, SweepFlag, unrounded_bin_m
+from jaxradar.drive import FULL_SCALE, MAKERS_FLAGS, Drive, SensorSeries, SweepFlag, unrounded_bin_m
 from jaxradar.labcsv import odd_times, read_truth, truth_path
 from jaxradar.logs.hdf5_text import heap_text
+from jaxradar.units import NANOSECONDS
 
 __all__ = ["read_acconeer_h5"]
 

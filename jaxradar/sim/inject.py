@@ -12,7 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from jaxradar.drive import NANOSECONDS, SensorSeries
+from jaxradar.drive import SensorSeries
+from jaxradar.units import NANOSECONDS
 
 __all__ = ["inject_step", "retimed"]
 

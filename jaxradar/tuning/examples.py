@@ -8,9 +8,10 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxradar.drive import NANOSECONDS, Drive, SensorSeries
+from jaxradar.drive import Drive, SensorSeries
 from jaxradar.matching import MatchWindow, speed_at
 from jaxradar.systems.step import SweepBatch, stack
+from jaxradar.units import NANOSECONDS
 
 __all__ = ["Examples", "examples_of", "split"]
 

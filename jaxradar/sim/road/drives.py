@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxradar._numerics import compiled
-from jaxradar.drive import NANOSECONDS, Channel, Drive, Motion, Mounting, RoadStep, SensorSeries, SweepFlag, Truth
+from jaxradar.drive import Channel, Drive, Motion, Mounting, RoadStep, SensorSeries, SweepFlag, Truth
 from jaxradar.sim.radar import range_axis
 from jaxradar.sim.road.motion import along, bend
 from jaxradar.sim.road.plan import FINE_S, FINE_START_S, Plan, plan_scene
@@ -22,6 +22,7 @@ from jaxradar.sim.road.render import render
 from jaxradar.sim.road.scene import RoadScene
 from jaxradar.sim.road.tyre import contact_m
 from jaxradar.sim.road.vehicle import QuarterCar
+from jaxradar.units import NANOSECONDS
 
 __all__ = ["HARD_M_S2", "drive_seeds", "held_out_seeds", "simulate", "simulate_batch", "simulate_each"]
 

@@ -12,13 +12,13 @@ from jaxtyping import Array, Float
 
 from jaxradar._numerics import reductions
 from jaxradar.drive import SWEEP_DTYPES
+from jaxradar.motion import MOTION_FIELDS
 from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector
 from jaxradar.systems.step.pipeline import precision
 
 __all__ = ["DECISION_FIELDS", "PackedStep"]
 
 DECISION_FIELDS = tuple(field.name for field in dataclasses.fields(Decision))
-MOTION_FIELDS = tuple(field.name for field in dataclasses.fields(MotionSample))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,11 +14,12 @@ from jaxtyping import Array, Float, Int, Shaped, UInt
 
 from jaxradar._numerics import compiled, soft_exceeds
 from jaxradar._types import Setting
-from jaxradar.drive import NANOSECONDS, Motion, SensorSeries, SweepFlag, kept_bins
+from jaxradar.drive import Motion, SensorSeries, SweepFlag, kept_bins
 from jaxradar.systems.step.blocks import check_shapes, in_blocks
 from jaxradar.systems.step.config import Decision, MotionSample, RangeAxis, StepDetector
 from jaxradar.systems.step.motion import check_motion, motion_at, no_motion, put_motion
 from jaxradar.systems.step.result import StepEvent, StepTrace
+from jaxradar.units import NANOSECONDS
 
 __all__ = [
     "as_program",
