@@ -62,8 +62,9 @@ def inputs_of(detector: Any, bins: int) -> Inputs:
     """Every sweep; every time step, setting at its bounds and temperature of the decision with an ordinary echo."""
     usual = {name: float(getattr(detector, name)) for name in tunable(detector)}
     given = hard.sweeps(bins)
-    if isinstance(detector, ShiftDetector | ApproachDetector):  # both square amplitudes: as far as float32 holds them
-        given |= {"huge": given["echo"] * 2.0**44, "tiny": given["echo"] * 2.0**-50}
+    # Both square amplitudes, and second derivatives square them again: as far as float32 holds that.
+    if isinstance(detector, ShiftDetector | ApproachDetector):
+        given |= {"huge": given["echo"] * 2.0**44, "tiny": given["echo"] * 2.0**-40}
 
     def one(sweep: str = "echo", step_s: float = 0.01, temperature: float = 0.1, **moved: float) -> tuple[Any, ...]:
         counts = series_of(given[sweep])

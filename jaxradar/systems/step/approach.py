@@ -279,7 +279,7 @@ class ApproachDetector(StepDetector[ApproachObservation, ApproachState]):
         # Every other cell says enough.
         power, mean, far = power[::2], mean[::2], tracks.far[::2]
         some = (power > 0) & over(far, noise)
-        inverse = safe_divide(jnp.ones_like(power), jnp.where(some, power, 0.0), 1.0)
+        inverse = 1.0 / jnp.where(some, power, 1.0)
         weight = jnp.where(some, jnp.maximum(1.0 - noise * inverse, 0.0), 0.0) ** 2
         more = mean**2 * inverse - SPECKLE - self.stands * (1.0 - SPECKLE) * weight
         # Where noise alone is seen, nothing is known to stand.
