@@ -10,10 +10,10 @@ import copy
 import math
 
 import numpy as np
-from peers.numpy_shift import Shift
 
 from jaxradar.drive import SweepFlag
 from jaxradar.systems.step import ApproachDetector, DefaultDetector, RangeAxis
+from peers.numpy_shift import ZERO, Shift, number
 
 __all__ = ["NumpyDefault"]
 
@@ -22,6 +22,7 @@ SHOWN = 0.75  # of its threshold: weaker evidence of a corner leaves the echo on
 CLOCKS = 9  # 0 to 2 of the corner, 3 to 7 of the shift, 8: since the last detection of either
 AGE, GAP, QUIET = range(3)  # the corner's: since its tracks began, since a valid sweep, since its last detection
 JUMP = 5  # places that evidence may move on by within a sweep
+HALF, ONE, NOWHERE, LEAST, SPECKLE = map(number, (0.5, 1.0, JUMP + 1, 1e-5, 0.79))
 
 
 class NumpyDefault:
@@ -90,14 +91,15 @@ class Approach:
         range_m = np.asarray(axis.range_m, np.float64)
         self._per = per = max(1, min(round(made.cell_m / axis.bin_m), axis.bins // 2))
         self._count = count = axis.bins // per
-        self._mean_of = np.full(per, 1.0, np.float32)
+        self._ones, self._part = np.ones(per, np.float32), number(1.0 / per)
         centres = range_m[: count * per].reshape(count, per).mean(axis=1)
         self._evidence, self._release = float(made.evidence) * level, float(made.release) * float(made.evidence) * level
         self._reference, self._longest = float(made.reference_s), float(made.longest_gap_s)
         self._settle, self._start = float(made.settle_s), float(made.start_s)
         self._refractory, self._noise_share = float(made.refractory_s), float(made.noise_share)
         self._height, self._place, self._farthest = float(made.height_m), made.place_m, float(made.farthest_m)
-        self._wheel, self._look = float(made.front_wheel_m) - float(made.contact_m), float(made.look_m)
+        self._wheel, self._look = float(made.front_wheel_m) - float(made.contact_m), number(float(made.look_m))
+        self._look_m = float(made.look_m)
         self._stands_share = 0.21 * float(made.stands)
 
         # Before the first place lies one where there never is evidence: what moves in from there is none.
@@ -159,8 +161,8 @@ class Approach:
     def run(self, usable: bool, dt: float, times: list[float]) -> tuple[float, float, float, float, float, bool, bool]:
         """Range, speed, strength, statistic, seconds to the impact, whether valid, whether a detection."""
         cells, clocks, age, gap, quiet = self._now[1], self._clocks, times[AGE], times[GAP], times[QUIET]
-        np.dot(self._binned, self._mean_of, out=cells)
-        cells *= 1.0 / self._per
+        np.dot(self._binned, self._ones, out=cells)
+        cells *= self._part
         strength = cells.item(cells.argmax())
         valid = usable and strength > 0
         tracking = self._tracking and abs(gap) <= self._longest
@@ -214,10 +216,10 @@ class Approach:
         way, whole, bank = self._way, self._whole, self._moved
         np.multiply(self._speeds, elapsed / self._place, out=way)
         way += self._travel
-        np.add(way, 0.5, out=whole)
+        np.add(way, HALF, out=whole)
         np.floor(whole, out=whole)
         np.subtract(way, whole, out=self._travel)
-        np.minimum(whole, JUMP + 1, out=whole)
+        np.minimum(whole, NOWHERE, out=whole)
         whole += self._first_jump
         self._jumps[:] = whole
         self._from.take(self._jumps, axis=0, out=self._index, mode="clip")
@@ -225,10 +227,10 @@ class Approach:
         if counts:
             score, shares = self._weighed()
             np.divide(self._speed_column * elapsed, shares, out=self._shares)
-            np.minimum(self._shares, 1.0, out=self._shares)
+            np.minimum(self._shares, ONE, out=self._shares)
             self._shares *= score
             bank += self._shares
-            np.maximum(bank, 0.0, out=bank)
+            np.maximum(bank, ZERO, out=bank)
         self._bank, self._moved = bank, self._bank
         at = int(bank.argmax())
         return bank.item(at), at
@@ -249,9 +251,9 @@ class Approach:
         score -= self._cost
         if silent is not None:
             score[silent] = 0.0
-        inverse *= -self._look * self._noise
+        inverse *= -self._look_m * self._noise
         inverse += self._look
-        return score, np.maximum(inverse, 1e-5, out=inverse)
+        return score, np.maximum(inverse, LEAST, out=inverse)
 
     def _renew(self, goes_on: bool, since: float, age: float) -> None:
         """Take a valid sweep into the means: a plain one at first, a running one later."""
@@ -269,7 +271,9 @@ class Approach:
         power = self._far_power
         if self._least > 0:
             inverse = np.reciprocal(power)
-            weight = np.maximum(1.0 - self._noise * inverse, 0.0)
+            weight = inverse * -self._noise
+            weight += ONE
+            np.maximum(weight, ZERO, out=weight)
         else:
             some = power > 0
             inverse = 1.0 / np.where(some, power, np.float32(1.0))
@@ -277,5 +281,5 @@ class Approach:
         weight *= weight
         inverse *= self._far_mean
         inverse *= self._far_mean
-        inverse -= 0.79
+        inverse -= SPECKLE
         return float(weight.dot(inverse)) - self._stands_share * float(weight.dot(weight)) > 0.015
