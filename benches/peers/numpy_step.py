@@ -97,7 +97,11 @@ class Approach:
         self._reference, self._longest = float(made.reference_s), float(made.longest_gap_s)
         self._settle, self._start = float(made.settle_s), float(made.start_s)
         self._refractory, self._noise_share = float(made.refractory_s), float(made.noise_share)
-        self._height, self._place, self._farthest = float(made.height_m), made.place_m, float(made.farthest_m)
+        self._height, self._place, self._farthest = (
+            float(made.height_m),
+            float(np.float32(made.place_m)),
+            float(made.farthest_m),
+        )
         self._wheel, self._look = float(made.front_wheel_m) - float(made.contact_m), number(float(made.look_m))
         self._look_m = float(made.look_m)
         self._stands_share = 0.21 * float(made.stands)
@@ -123,10 +127,9 @@ class Approach:
         self._cost = none(cost * inside)
         self._width = places + 1
 
-        speeds = float(made.slowest_m_s) * (float(made.fastest_m_s) / float(made.slowest_m_s)) ** (
-            np.arange(made.speeds) / max(made.speeds - 1, 1)
-        )
-        self._speeds = speeds.astype(np.float32)
+        # The detector's own to the last digit: ways add up over hundreds of sweeps, and where one comes to lie between
+        # two places the last digit says on which.
+        self._speeds = np.asarray(made.tracks(axis).speeds, np.float32)
         self._speed_column = self._speeds[:, None]
         self._speed_list = self._speeds.tolist()
         # By speed and whole places: where in the bank the evidence comes from; of more than `JUMP` places, from none.

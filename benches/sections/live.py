@@ -230,7 +230,7 @@ def _whole(section: Section, file: DetectorFile) -> None:
         f"The whole program, {size / 1e3:.0f} kB, from its start to its first decision: {found['first']:.3f} s, to its "
         f"end after that one sweep: {found['seconds']:.3f} s, {found['mb']:.0f} MB resident. In turns with it "
         f"`import numpy, iree.runtime` alone: {found['floor_first']:.3f} s to the end of the imports, "
-        f"{found['floor_seconds']:.3f} s to that of the process, {found['floor_mb']:.0f} MB. All are medians of {STARTS}. "
+        f"{found['floor_seconds']:.3f} s to that of the process, {found['floor_mb']:.0f} MB. Medians of {STARTS}. "
         f"In the program a sweep of {len(series.range_m)} bins takes "
         f"{record['took_us']['median']:.0f} us (99 %: {record['took_us']['p99']:.0f}), Python's share included."
     )
