@@ -62,7 +62,7 @@ def assert_same(found: np.ndarray, wanted: np.ndarray, flips: int = 0) -> None:
 
 
 @pytest.mark.parametrize(
-    ("scene", "events", "flips"), [("wet-road", True, 0), ("pulling-away", False, 4), ("kerb-down", False, 0)]
+    ("scene", "events", "flips"), [("wet-road", True, 0), ("pulling-away", False, 4), ("lost-echo", True, 0)]
 )
 def test_numpy_decides_as_the_detector(peer: Any, scene: str, events: bool, flips: int) -> None:
     series = simulate(load_scene(scene), seed=1).sensors[0]

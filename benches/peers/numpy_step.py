@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxradar.drive import SweepFlag
 from jaxradar.systems.step import ApproachDetector, DefaultDetector, RangeAxis
-from peers.numpy_shift import ZERO, Shift, number
+from peers.numpy_shift import ZERO, Shift, number, single
 
 __all__ = ["NumpyDefault"]
 
@@ -35,8 +35,8 @@ class NumpyDefault:
     def __init__(self, detector: DefaultDetector, axis: RangeAxis) -> None:
         if detector.approach is None or detector.shift is None:
             raise ValueError("`NumpyDefault` takes a detector with both of its parts.")
-        self._level, self._refractory = float(detector.level), float(detector.refractory_s)
-        self._own = float(detector.approach.evidence), float(detector.shift.evidence)
+        self._level, self._refractory = single(detector.level), single(detector.refractory_s)
+        self._own = single(detector.approach.evidence), single(detector.shift.evidence)
         self._corner = Approach(detector.approach, axis, self._level)
         self._echo = Shift(detector.shift, axis, self._level)
         self._bins = axis.bins
@@ -93,18 +93,18 @@ class Approach:
         self._count = count = axis.bins // per
         self._ones, self._part = np.ones(per, np.float32), number(1.0 / per)
         centres = range_m[: count * per].reshape(count, per).mean(axis=1)
-        self._evidence, self._release = float(made.evidence) * level, float(made.release) * float(made.evidence) * level
-        self._reference, self._longest = float(made.reference_s), float(made.longest_gap_s)
-        self._settle, self._start = float(made.settle_s), float(made.start_s)
-        self._refractory, self._noise_share = float(made.refractory_s), float(made.noise_share)
-        self._height, self._place, self._farthest = (
-            float(made.height_m),
-            float(np.float32(made.place_m)),
-            float(made.farthest_m),
+        self._evidence, self._release = (
+            single(made.evidence) * level,
+            single(made.release) * single(made.evidence) * level,
         )
-        self._wheel, self._look = float(made.front_wheel_m) - float(made.contact_m), number(float(made.look_m))
-        self._look_m = float(made.look_m)
-        self._stands_share = 0.21 * float(made.stands)
+        self._reference, self._longest = single(made.reference_s), single(made.longest_gap_s)
+        self._settle, self._start = single(made.settle_s), single(made.start_s)
+        self._refractory, self._noise_share = single(made.refractory_s), single(made.noise_share)
+        self._height, self._farthest = single(made.height_m), single(made.farthest_m)
+        self._place = single(made.place_m)
+        self._wheel, self._look = single(made.front_wheel_m) - single(made.contact_m), number(single(made.look_m))
+        self._look_m = single(made.look_m)
+        self._stands_share = 0.21 * single(made.stands)
 
         # Before the first place lies one where there never is evidence: what moves in from there is none.
         places = made.places
@@ -113,16 +113,16 @@ class Approach:
         where = (slant - centres[0]) * ((count - 1) / (centres[-1] - centres[0]))
         inside = (where >= 0) & (where <= count - 1) & (ahead > 0)
         at = np.maximum(1.0 - np.abs(np.clip(where, 0.0, count - 1.0)[:, None] - np.arange(count)), 0.0)
-        reach = max(1, round(0.5 * float(made.around_m) / (per * axis.bin_m)))
+        reach = max(1, round(0.5 * made.around_m / (per * axis.bin_m)))
         around = np.zeros((count, count))
         for offset in range(-reach, reach + 1):
             np.add.at(around, (np.arange(count), np.clip(np.arange(count) + offset, 0, count - 1)), 1 / (2 * reach + 1))
-        tilt = np.linspace(float(made.tilt_far), float(made.tilt_near), places)
+        tilt = np.linspace(single(made.tilt_far), single(made.tilt_near), places)
         erf = np.array([math.erf(0.5 * one) for one in tilt])
         cost = 0.25 * tilt**2 + np.log(np.exp(-0.25 * tilt**2) + 0.5 * math.sqrt(math.pi) * tilt * (1.0 + erf))
         first = lambda values: np.concatenate([values[:1], values])  # noqa: E731
         none = lambda values: np.concatenate([0.0 * values[:1], values]).astype(np.float32)  # noqa: E731
-        self._expecting = np.concatenate([first(at), float(made.fade_share) * first(at @ around)]).astype(np.float32)
+        self._expecting = np.concatenate([first(at), single(made.fade_share) * first(at @ around)]).astype(np.float32)
         self._tilted = none((tilt * inside)[:, None] * at)
         self._cost = none(cost * inside)
         self._width = places + 1
