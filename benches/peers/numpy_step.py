@@ -93,10 +93,8 @@ class Approach:
         self._count = count = axis.bins // per
         self._ones, self._part = np.ones(per, np.float32), number(1.0 / per)
         centres = range_m[: count * per].reshape(count, per).mean(axis=1)
-        self._evidence, self._release = (
-            single(made.evidence) * level,
-            single(made.release) * single(made.evidence) * level,
-        )
+        self._evidence = single(made.evidence) * level
+        self._release = single(made.release) * self._evidence
         self._reference, self._longest = single(made.reference_s), single(made.longest_gap_s)
         self._settle, self._start = single(made.settle_s), single(made.start_s)
         self._refractory, self._noise_share = single(made.refractory_s), single(made.noise_share)
