@@ -178,7 +178,7 @@ def test_many_logs_go_to_threads_and_come_back_in_order(monkeypatch: pytest.Monk
     calls, inner = [], step_batch._in_precision
 
     def counted(*args: Any) -> Any:
-        calls.append(len(args[-1]))
+        calls.append(len(args[-2]))
         return inner(*args)
 
     monkeypatch.setattr(step_batch, "_in_precision", counted)

@@ -101,7 +101,7 @@ def run_suite(
     return Suite(
         quiet={name: {key: _quiet(one) for key, one in held.items()} for name, held in quiet.items()},
         cells={name: {key: _score(one, thresholds[name]) for key, one in held.items()} for name, held in found.items()},
-        thresholds={name: _times(thresholds[name], detectors[name]) for name in detectors},
+        thresholds={name: _times(float(thresholds[name]), detectors[name]) for name in detectors},
         roc={name: _roc(quiet[name], [found[name][cell] for cell in usual], detectors[name]) for name in detectors},
         roc_of="steps up of 20 mm and more at 10 km/h and more",
     )
@@ -137,7 +137,7 @@ def _roc(quiet: Mapping[str, Quiet], found: Sequence[Found], detector: StepDetec
     share = np.full(len(thresholds), math.nan)
     if len(steps):
         share = 1.0 - np.searchsorted(steps, thresholds, side="right") / len(steps)
-    times = np.array([_times(one, detector) for one in thresholds])
+    times = np.array([_times(float(one), detector) for one in thresholds])
     # Of equal ones none exceeds itself.
     exceed = np.searchsorted(-tops, -thresholds, side="left")
     return np.stack([times, exceed / hours, share], axis=1)
