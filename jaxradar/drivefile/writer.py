@@ -187,13 +187,16 @@ class DriveWriter:
         """Seal the drive: lengths and checksums of its columns go into the header. Closing twice does nothing."""
         if not self._files:
             return
-        if self._durable:
-            self.flush()
-        self._header["sealed"] = {name: {"bytes": size, "crc32": crc} for name, (size, crc) in self._written.items()}
-        self._save()
-        for file in self._files.values():
-            file.close()
-        self._files = {}
+        try:
+            if self._durable:
+                self.flush()
+            sealed = {name: {"bytes": size, "crc32": crc} for name, (size, crc) in self._written.items()}
+            self._header["sealed"] = sealed
+            self._save()
+        finally:  # on a full disk it stays as a crash would leave it
+            for file in self._files.values():
+                file.close()
+            self._files = {}
 
     def __enter__(self) -> DriveWriter:
         return self
