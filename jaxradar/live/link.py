@@ -22,6 +22,7 @@ BAUD = 115200  # thesis, appendix C.1, line 44
 PORT = "/dev/ttyACM0"
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 5.0  # between attempts to open it, doubled each time
 SILENT_S = 1.0  # a board that has said nothing for so long is said to be silent, one that takes nothing is lost
+_MOST_BEHIND = 4  # messages that wait in the line
 _MOST_READ = 4096
 _BABBLE = 4  # times what a board sends in a period; the rest of one period is not looked at
 
@@ -127,7 +128,7 @@ class Link:
     @staticmethod
     def _goes_out(line: Any, message: bytes) -> bool:
         # What still waits in the line is older than this: it must not be heard first.
-        if _waiting(line) > len(message):
+        if _waiting(line) > _MOST_BEHIND * len(message):
             _flush(line, termios.TCOFLUSH)
         try:
             return os.write(line.fileno(), message) == len(message)

@@ -7,7 +7,7 @@ import queue
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,7 +49,7 @@ class Recorder:
 
     `take` and `take_acceleration` never wait: what does not fit the queue is dropped and counted. A drive is closed and
     the next one begun after `rotate_bytes` or `rotate_s`; its name is the UTC time of its first sweep,
-    `2026-11-23T10-48-49Z`, with a number behind it where that name is taken. After a crash at any byte every whole
+    `2026-11-23T10-48-49Z.drive`, with a number behind it where that name is taken. After a crash at any byte every whole
     sweep before it is readable. Where the disk takes nothing the drive is closed as far as it came, and a new one is
     tried every `RETRY_S`.
 
@@ -174,9 +174,9 @@ class Recorder:
         if now_s < self._retry_s:
             return None
         began_ns = time.time_ns()
-        stem = datetime.fromtimestamp(began_ns / NANOSECONDS, timezone.utc).strftime("%Y-%m-%dT%H-%M-%SZ")
+        stem = datetime.fromtimestamp(began_ns / NANOSECONDS, UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
         for number in range(_NAMES):
-            path = self._folder / (f"{stem}-{number}" if number else stem)
+            path = self._folder / (f"{stem}-{number}.drive" if number else f"{stem}.drive")
             if path.exists():
                 continue
             try:

@@ -21,6 +21,7 @@ class LiveSweep(NamedTuple):
       replayed drive as recorded.
     - `sweep`: (bins,), envelope in ADC counts; uint16, float32 or float64 only where a replayed log holds that.
     - `flags`: of `jaxradar.drive.SweepFlag`.
+    - `last`: whether it is the last of this moment: false where a sweep of another sensor, of the same time, follows.
     - `motion`: what is known of the car's by then, `jaxradar.motion.MOTION_FIELDS`; empty where the source tells none.
     """
 
@@ -29,6 +30,7 @@ class LiveSweep(NamedTuple):
     sweep: np.ndarray
     flags: int
     motion: Sequence[float] = ()
+    last: bool = True
 
 
 @runtime_checkable
@@ -58,6 +60,16 @@ class Source(Protocol):
     @property
     def tells_motion(self) -> bool:
         """Whether sweeps come with the car's motion: not, unless a source says otherwise."""
+        return False
+
+    @property
+    def period_s(self) -> float | None:
+        """From one sweep of a sensor to the next, as it was asked for or recorded; None where that is not known."""
+        return None
+
+    @property
+    def waits(self) -> bool:
+        """Whether sweeps can be taken as slowly as one likes: of a file, not of a sensor."""
         return False
 
     @property

@@ -30,7 +30,7 @@ from __future__ import annotations
 import binascii
 import math
 import struct
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from jaxradar.live.board import Told
 
@@ -55,6 +55,7 @@ class Heard(NamedTuple):
     garbage: int
 
 
+@runtime_checkable
 class Wire(Protocol):
     """One way to talk to a board. It holds what has come of a message that is not whole yet."""
 
@@ -87,8 +88,7 @@ class Nucleo:
     def hear(self, content: bytes) -> Heard:
         if not content:
             return Heard(None, 0, 0)
-        # What is older than the last byte came late.
-        return Heard((content[-1] - 128) * self._scale, 1, len(content) - 1)
+        return Heard((content[-1] - 128) * self._scale, len(content), 0)
 
     def forget(self) -> None:
         pass
