@@ -34,7 +34,10 @@ def recorder(folder: Path, **options: object) -> Recorder:
 
 
 def drives(folder: Path) -> list[Drive]:
-    return [read_drive(one) for one in sorted(folder.iterdir(), key=order) if is_drive_folder(one)]
+    """Those that were begun: a name with a dot before it is of one that was not whole yet."""
+    names = sorted((one for one in folder.iterdir() if not one.name.startswith(".")), key=order)
+    assert all(map(is_drive_folder, names))
+    return [read_drive(one) for one in names]
 
 
 def order(path: Path) -> tuple[str, int]:

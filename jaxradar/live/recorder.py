@@ -48,10 +48,10 @@ class Recorder:
     """Writes drives into a folder, in a thread of its own.
 
     `take` and `take_acceleration` never wait: what does not fit the queue is dropped and counted. A drive is closed and
-    the next one begun after `rotate_bytes` or `rotate_s`; its name is the UTC time of its first sweep,
-    `2026-11-23T10-48-49Z.drive`, with a number behind it where that name is taken. After a crash at any byte every whole
-    sweep before it is readable. Where the disk takes nothing the drive is closed as far as it came, and a new one is
-    tried every `RETRY_S`.
+    the next one begun after `rotate_bytes` or `rotate_s`; its name is the UTC time at which it was begun, as in
+    `2026-11-23T10-48-49Z.drive`, with a number behind it where that name is taken. After a crash at any byte every
+    whole sweep before it is readable. Where the disk takes nothing the drive is closed as far as it came, and a new one
+    is tried every `RETRY_S`.
 
     `folder`: is made if there is none. `sensors`: their numbers; `range_m`: (bins,) slant ranges in metres of them all;
     `dtype`: of the amplitudes; `spec`: as in `SensorSeries`.
