@@ -101,7 +101,10 @@ EXPORTS = [
     (["thesis", "-o", "a.pyz", "--like", "log.drive", "--range", "0.1:0.8"], "expected either --like LOG or --range"),
     (["thesis", "-o", "a.pyz", "--range", "0.1:0.8"], "--range needs --bins"),
     (["thesis", "-o", "a.pyz", "--like", "log.drive", "--bins", "9"], "--bins goes with --range"),
-    (["thesis", "-o", "a.pyz", "--like", "log.drive", "--sensors", "2"], "has not all of the sensors 2."),
+    (
+        ["thesis", "-o", "a.pyz", "--like", "log.drive", "--sensors", "2"],
+        "log.drive: has no sensor 2; expected some of 1, 3.",
+    ),
     (["thesis", "-o", "a.pyz", "--range", "0.8:0.1", "--bins", "9"], "expected two ranges in metres such as 0.1:0.8"),
     (["thesis", "-o", "a.pyz", "--range", "0.1.2:4", "--bins", "9"], "expected two ranges in metres such as 0.1:0.8"),
     (["thesis", "-o", "a.pyz", "--range", "0.1:0.8", "--bins", "1"], "1"),
@@ -111,8 +114,8 @@ EXPORTS = [
     (["thesis", "-o", "a.pyz", "--like", "gone"], "gone"),
 ]
 LIVES = [
-    (["--source", "replay"], "--source replay needs to know which: --source replay WHERE."),
-    (["--source", "scene"], "--source scene needs to know which"),
+    (["--source", "replay"], "--source replay needs a log: --source replay LOG."),
+    (["--source", "scene"], "--source scene needs a scene: --source scene SCENE."),
     (["--source", "scene", "no-scene"], "no-scene"),
     (["--source", "replay", "gone"], "gone"),
     (["--source", "replay", "log.drive", "--sensors", "2"], "the drive has no sensor 2"),
@@ -122,9 +125,18 @@ LIVES = [
     (["--source", "replay", "log.drive", "--sweeps", "0"], "expected a whole number >= 1"),
     (["--source", "replay", "log.drive", "--sweeps", "²"], "expected a whole number >= 1"),
     (["--source", "replay", "log.drive", "--sensors", "²"], "expected sensor numbers such as 1,3"),
-    (["--source", "replay", "log.drive", "--detector", "gone.pyz"], "gone.pyz: No such file or directory."),
+    (
+        ["--source", "replay", "log.drive", "--detector", "gone.pyz"],
+        "gone.pyz: cannot be read: No such file or directory; expected a file that `jaxradar export` made.",
+    ),
     (["--source", "replay", "log.drive", "--detector", "thesiz"], "thesiz"),
     (["--source", "nowhere"], "nowhere"),
+    (["--source", "replay", "log.drive", "--running-average", "0.5"], "--running-average is not for --source replay"),
+    (
+        ["--source", "scene", "trial", "--from", "0.2"],
+        "--from is not for --source scene; it goes with --source acconeer",
+    ),
+    (["--source", "acconeer", "--pace", "2"], "--pace is not for --source acconeer; it goes with what was recorded."),
 ]
 
 
