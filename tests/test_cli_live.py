@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,10 @@ from live_samples import assert_same_events, exported, wandering
 
 from jaxradar.cli import main
 from jaxradar.drive import Drive
-from jaxradar.live import Replay
+from jaxradar.live import LiveSweep, Replay, app
 from jaxradar.live.artefact import read_artefact
+from jaxradar.live.detect import LiveDecision
+from jaxradar.live.run import Listener
 from jaxradar.logs import write_log
 
 
@@ -185,3 +188,26 @@ def test_without_the_compiler_it_is_said_how_to_get_it(
     assert main(["export", "thesis", "-o", str(tmp_path / "a.pyz"), "--like", str(log)]) == 2
     assert "install it with `pip install 'jaxradar[export]'`" in capsys.readouterr().err
     assert not (tmp_path / "a.pyz").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_loop_in_good_order(
+    number: signal.Signals, log: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Signalling(Listener):
+        swept = 0
+
+        def hear(self, live: LiveSweep, decision: LiveDecision) -> None:
+            self.swept += 1
+            if self.swept == 5:
+                signal.raise_signal(number)
+
+    printed = app.listeners_of
+    monkeypatch.setattr(app, "listeners_of", lambda args: [*printed(args), Signalling()])
+    before = signal.getsignal(number)
+    arguments = ["live", "--source", "replay", str(log), "--fast", "--json", "--detector", str(exported("thesis"))]
+    assert main(arguments) == 128 + number
+    assert signal.getsignal(number) is before
+    said = capsys.readouterr()
+    assert json.loads(said.out.splitlines()[-1])["summary"]["sweeps"] == 5
+    assert said.err == ""

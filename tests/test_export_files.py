@@ -251,7 +251,7 @@ def test_the_file_runs_by_itself(tmp_path: Path) -> None:
     [
         (["--source", "replay"], "--source replay needs a log: --source replay LOG."),
         (["--source", "replay", "gone.csv"], "gone.csv: cannot be read: No such file or directory."),
-        (["--source", "replay", "log.h5"], "is neither the lab's CSV nor the package's binary form"),
+        (["--source", "replay", "log.h5"], "is neither the lab's CSV nor a .drive"),
         (["--source", "replay", "log.drive", "--rate", "9"], "--rate is not for --source replay"),
         (["--source", "acconeer", "--fast"], "--fast is not for --source acconeer"),
         (["--source", "replay", "log.drive", "--detector", "gone.pyz"], "gone.pyz: cannot be read: No such file"),

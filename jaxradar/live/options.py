@@ -40,7 +40,10 @@ def add_live_options(parser: argparse.ArgumentParser, sources: Mapping[str, str]
     parser.add_argument("--source", required=True, choices=tuple(sources), metavar="KIND", help=words)
     parser.add_argument("where", nargs="?", metavar="WHERE", help=", ".join(places))
     parser.add_argument(
-        "--sensors", type=sensor_numbers, metavar="N,N", help="these sensors (default: all; of a server 1,3)"
+        "--sensors",
+        type=sensor_numbers,
+        metavar="N,N",
+        help="these sensors (default: all; of a server those of the compiled detector, or 1,3)",
     )
     parser.add_argument("--sweeps", type=whole(1), metavar="N", help="end after so many sweeps, of all sensors")
     parser.add_argument("--json", action="store_true", help="detections, and at the end a summary, as JSON lines")

@@ -55,16 +55,16 @@ def read_device_log(path: Path) -> Drive:
     from jaxradar.drivefile import is_drive_folder, read_drive
     from jaxradar.labcsv import looks_like_radar, read_lab_csv
 
-    if path.suffix == ".drive" or is_drive_folder(path):
-        return read_drive(path)
     if not path.exists():
         raise LogError(path, "cannot be read: No such file or directory.")
+    if path.suffix == ".drive" or is_drive_folder(path):
+        return read_drive(path)
     if path.is_dir() or path.suffix.lower() == ".csv" or looks_like_radar(path):
         return read_lab_csv(path)
     raise LogError(
         path,
-        "is neither the lab's CSV nor the package's binary form, which are the two that are read here; "
-        "`jaxradar convert` makes the latter of any log.",
+        "is neither the lab's CSV nor a .drive, which is all that is read here; where the whole package is, "
+        "`jaxradar convert LOG NAME.drive` makes one of other logs.",
     )
 
 
@@ -88,7 +88,7 @@ def _acconeer(args: argparse.Namespace, header: Header | None) -> Source:
 ACCONEER = SourceKind("Acconeer's exploration server, on this host (localhost) or WHERE", _acconeer)
 DEVICE_SOURCES = {
     "replay": SourceKind(
-        "a recorded log, the lab's CSV or the package's binary form",
+        "a recorded log, the lab's CSV or a .drive",
         lambda args, _: replayed(args, read_device_log(Path(args.where))),
         "LOG",
     ),
