@@ -59,9 +59,10 @@ EVERY_SWEEP = """\
 import json, pathlib, sys
 sys.modules.update(jax=None, jaxlib=None)
 sys.path.insert(0, sys.argv[1])
-from jaxradar.live.app import load, read_device_log
+from jaxradar.live.app import load
 from jaxradar.live.detect import LiveDetector
 from jaxradar.live.replay import Replay
+from jaxradar.live.sources import read_device_log
 detector = LiveDetector(*load(sys.argv[1]))
 with Replay(read_device_log(pathlib.Path(sys.argv[2])), None) as source:
     for live in source:

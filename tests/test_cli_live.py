@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,10 @@ from live_samples import assert_same_events, exported, wandering
 
 from jaxradar.cli import main
 from jaxradar.drive import Drive
-from jaxradar.live import Replay
+from jaxradar.live import LiveSweep, Replay, app
 from jaxradar.live.artefact import read_artefact
+from jaxradar.live.detect import LiveDecision
+from jaxradar.live.run import Listener
 from jaxradar.logs import write_log
 
 
@@ -101,7 +104,10 @@ EXPORTS = [
     (["thesis", "-o", "a.pyz", "--like", "log.drive", "--range", "0.1:0.8"], "expected either --like LOG or --range"),
     (["thesis", "-o", "a.pyz", "--range", "0.1:0.8"], "--range needs --bins"),
     (["thesis", "-o", "a.pyz", "--like", "log.drive", "--bins", "9"], "--bins goes with --range"),
-    (["thesis", "-o", "a.pyz", "--like", "log.drive", "--sensors", "2"], "has not all of the sensors 2."),
+    (
+        ["thesis", "-o", "a.pyz", "--like", "log.drive", "--sensors", "2"],
+        "log.drive: has no sensor 2; expected some of 1, 3.",
+    ),
     (["thesis", "-o", "a.pyz", "--range", "0.8:0.1", "--bins", "9"], "expected two ranges in metres such as 0.1:0.8"),
     (["thesis", "-o", "a.pyz", "--range", "0.1.2:4", "--bins", "9"], "expected two ranges in metres such as 0.1:0.8"),
     (["thesis", "-o", "a.pyz", "--range", "0.1:0.8", "--bins", "1"], "1"),
@@ -111,8 +117,8 @@ EXPORTS = [
     (["thesis", "-o", "a.pyz", "--like", "gone"], "gone"),
 ]
 LIVES = [
-    (["--source", "replay"], "--source replay needs to know which: --source replay WHERE."),
-    (["--source", "scene"], "--source scene needs to know which"),
+    (["--source", "replay"], "--source replay needs a log: --source replay LOG."),
+    (["--source", "scene"], "--source scene needs a scene: --source scene SCENE."),
     (["--source", "scene", "no-scene"], "no-scene"),
     (["--source", "replay", "gone"], "gone"),
     (["--source", "replay", "log.drive", "--sensors", "2"], "the drive has no sensor 2"),
@@ -122,9 +128,18 @@ LIVES = [
     (["--source", "replay", "log.drive", "--sweeps", "0"], "expected a whole number >= 1"),
     (["--source", "replay", "log.drive", "--sweeps", "²"], "expected a whole number >= 1"),
     (["--source", "replay", "log.drive", "--sensors", "²"], "expected sensor numbers such as 1,3"),
-    (["--source", "replay", "log.drive", "--detector", "gone.pyz"], "gone.pyz: No such file or directory."),
+    (
+        ["--source", "replay", "log.drive", "--detector", "gone.pyz"],
+        "gone.pyz: cannot be read: No such file or directory; expected a file that `jaxradar export` made.",
+    ),
     (["--source", "replay", "log.drive", "--detector", "thesiz"], "thesiz"),
     (["--source", "nowhere"], "nowhere"),
+    (["--source", "replay", "log.drive", "--running-average", "0.5"], "--running-average is not for --source replay"),
+    (
+        ["--source", "scene", "trial", "--from", "0.2"],
+        "--from is not for --source scene; it goes with --source acconeer",
+    ),
+    (["--source", "acconeer", "--pace", "2"], "--pace is not for --source acconeer; it goes with what was recorded."),
 ]
 
 
@@ -173,3 +188,26 @@ def test_without_the_compiler_it_is_said_how_to_get_it(
     assert main(["export", "thesis", "-o", str(tmp_path / "a.pyz"), "--like", str(log)]) == 2
     assert "install it with `pip install 'jaxradar[export]'`" in capsys.readouterr().err
     assert not (tmp_path / "a.pyz").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_loop_in_good_order(
+    number: signal.Signals, log: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Signalling(Listener):
+        swept = 0
+
+        def hear(self, live: LiveSweep, decision: LiveDecision) -> None:
+            self.swept += 1
+            if self.swept == 5:
+                signal.raise_signal(number)
+
+    printed = app.listeners_of
+    monkeypatch.setattr(app, "listeners_of", lambda args: [*printed(args), Signalling()])
+    before = signal.getsignal(number)
+    arguments = ["live", "--source", "replay", str(log), "--fast", "--json", "--detector", str(exported("thesis"))]
+    assert main(arguments) == 128 + number
+    assert signal.getsignal(number) is before
+    said = capsys.readouterr()
+    assert json.loads(said.out.splitlines()[-1])["summary"]["sweeps"] == 5
+    assert said.err == ""

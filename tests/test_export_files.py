@@ -24,10 +24,11 @@ from jaxradar.export.archive import MODULES
 from jaxradar.live.app import main as device_main
 from jaxradar.live.artefact import DECISION, FORMAT, HEADER, Artefact, Header, is_artefact, read_artefact
 from jaxradar.logs import write_log
+from jaxradar.motion import MOTION_FIELDS
 
 SMALL = Header(
     "thesis", 'detector = "thesis"\n', 0.7, "range rate", "m/s", (0.1, 0.2, 0.30000000000000004), "uint16", "float64",
-    (0.0, -1.5), ("speed_m_s",), DECISION, "host", "jax", (1, 3), {"jax": "0.10.0"},
+    (0.0, -1.5), MOTION_FIELDS, DECISION, "host", "jax", (1, 3), {"jax": "0.10.0"},
 )  # fmt: skip
 PROGRAM = bytes(range(256))
 
@@ -131,6 +132,7 @@ DAMAGES: dict[str, tuple[Any, str]] = {
     "no type": (lambda file: with_header(file, vectors="float16"), "not whole"),
     "no type of sweeps": (lambda file: with_header(file, sweeps="complex"), "not whole"),
     "other decisions": (lambda file: with_header(file, decision=["event"]), "not whole"),
+    "other motion": (lambda file: with_header(file, motion=["speed_m_s"]), "not whole"),
 }  # fmt: skip
 
 
@@ -248,8 +250,11 @@ def test_the_file_runs_by_itself(tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         (["--source", "replay"], "--source replay needs a log: --source replay LOG."),
-        (["--source", "replay", "gone.csv"], "gone.csv: there is no such file or folder."),
-        (["--source", "replay", "log.h5"], "and scenes, are read by the full package, with `jaxradar live`."),
+        (["--source", "replay", "gone.csv"], "gone.csv: cannot be read: No such file or directory."),
+        (["--source", "replay", "log.h5"], "is neither the lab's CSV nor a .drive"),
+        (["--source", "replay", "log.drive", "--rate", "9"], "--rate is not for --source replay"),
+        (["--source", "acconeer", "--fast"], "--fast is not for --source acconeer"),
+        (["--source", "replay", "log.drive", "--detector", "gone.pyz"], "gone.pyz: cannot be read: No such file"),
         (["--source", "replay", "short.drive"], "export it for these sweeps"),
         (["--source", "replay", "log.drive", "--sensors", "2"], "the drive has no sensor 2; expected some of 1, 3"),
         (["--source", "scene", "trial"], "invalid choice: 'scene'"),
@@ -277,8 +282,42 @@ def test_wrong_input_on_the_device_is_one_sentence(arguments: list[str], words: 
         held["data"] = np.zeros(3)
     there = [str(tmp_path / one) if "." in one else one for one in arguments]
     ran = alone(file, *there)
-    assert ran.returncode == 2
+    log = arguments[2] if arguments[1:2] == ["replay"] and len(arguments) == 3 else ""
+    assert ran.returncode == (1 if log in ("gone.csv", "log.h5") else 2)  # as `jaxradar live`: a log that is none
     assert ran.stdout == ""
     assert len(ran.stderr.splitlines()) == 1
     assert ran.stderr.startswith("thesis.pyz: ")
+    assert words in ran.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_full_disk_behind_the_output_is_one_sentence(tmp_path: Path) -> None:
+    write_log(wandering(), tmp_path / "log.drive")
+    begin = [sys.executable, "-I", str(exported("thesis")), "--source", "replay", str(tmp_path / "log.drive"), "--fast"]
+    with Path("/dev/full").open("w") as full:
+        ran = subprocess.run(
+            [*begin, "--json"], stdout=full, stderr=subprocess.PIPE, check=False, text=True, timeout=120
+        )
+    assert (ran.returncode, ran.stderr) == (1, "thesis.pyz: standard output: No space left on device.\n")
+
+
+@pytest.mark.parametrize(
+    ("lacks", "words"),
+    [
+        ("sys.modules['numpy'] = None", "needs NumPy; install it with `pip install numpy 'iree-base-runtime>="),
+        ("sys.version_info = (3, 9, 2)", "needs Python 3.11 or newer; this is "),
+        (
+            "sys.modules['iree.runtime'] = None",
+            "needs IREE's runtime; install it with `pip install 'iree-base-runtime>=",
+        ),
+    ],
+    ids=["numpy", "python", "runtime"],
+)
+def test_what_the_device_lacks_is_said(lacks: str, words: str) -> None:
+    program = f"import runpy, sys; {lacks}; del sys.argv[0]; runpy.run_path(sys.argv[0], run_name='__main__')"
+    ran = subprocess.run(
+        [sys.executable, "-I", "-c", program, str(exported("thesis")), "--source", "replay", "log"],
+        capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert (ran.returncode, ran.stdout, len(ran.stderr.splitlines())) == (2, "", 1)
     assert words in ran.stderr

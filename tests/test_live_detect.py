@@ -13,14 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_samples import assert_as_detected, eager, live_detector, ready_drive, taken, through, wandering
 
-from jaxradar._errors import ConfigError
+from jaxradar._errors import ConfigError, SourceError
 from jaxradar.drive import Drive, SweepFlag
 from jaxradar.export import JaxStep
 from jaxradar.live import LiveSweep, Replay
 from jaxradar.live import run as running
 from jaxradar.live.artefact import DECISION, DIGITS, Header
 from jaxradar.live.detect import LiveDecision, LiveDetector, Step
-from jaxradar.live.run import Tally, event_record, run
+from jaxradar.live.printed import event_record
+from jaxradar.live.run import Listener, Tally, run
 from jaxradar.motion import Motion
 from jaxradar.systems.step import detect
 from jaxradar.systems.step.packed import DECISION_FIELDS
@@ -196,6 +197,7 @@ def test_the_tally_counts() -> None:
     tally = Tally()
     assert tally.record() == {
         "sweeps": 0, "invalid": 0, "events": 0, "duration_s": 0.0, "took_us": {"median": 0.0, "p99": 0.0},
+        "missed": 0, "misfits": 0,
     }  # fmt: skip
     flags = [0, SweepFlag.MISSED_DATA, SweepFlag.SATURATED, SweepFlag.NO_AMPLITUDES, SweepFlag.QUALITY_WARNING]
     for place, flag in enumerate(flags):
@@ -226,20 +228,86 @@ def test_a_record_of_a_detection() -> None:
 
 
 class Given(Replay):
-    """A source of sweeps as they are."""
+    """A source of sweeps as they are, which may fail after the last."""
 
-    def __init__(self, sweeps: list[LiveSweep]) -> None:
-        self.sweeps = sweeps
+    def __init__(self, sweeps: list[LiveSweep], error: Exception | None = None) -> None:
+        self.sweeps, self.error = sweeps, error
+
+    range_m = property(lambda self: np.array(HEADER.range_m))
+    dtype = property(lambda self: np.dtype(np.uint16))
+    missed = property(lambda self: 7)
 
     def __iter__(self) -> Iterator[LiveSweep]:
-        return iter(self.sweeps)
+        yield from self.sweeps
+        if self.error is not None:
+            raise self.error
+
+
+class Noting(Listener):
+    """Writes down what it hears, under its name, in a list that it shares."""
+
+    def __init__(self, notes: list[tuple[Any, ...]], name: str = "", fails: str = "") -> None:
+        self.notes, self.name, self.fails = notes, name, fails
+
+    def _note(self, what: str, *more: Any) -> None:
+        self.notes.append((self.name + what, *more))
+        if what == self.fails:
+            raise SourceError(f"no {what}.")
+
+    def begin(self, source: Any, header: Header, problems: Any) -> None:
+        self._note("begin", tuple(problems))
+
+    def hear(self, live: LiveSweep, decision: LiveDecision) -> None:
+        self._note("hear", live.time_ns, decision.time_ns)
+
+    def end(self, tally: Tally) -> None:
+        self._note("end", tally.sweeps, tally.missed)
+
+
+def eight() -> list[LiveSweep]:
+    return [sweep(number % 2, number) for number in range(8)]
 
 
 def test_every_decision_is_heard_in_order() -> None:
     heard: list[LiveDecision] = []
-    tally = Tally()
-    detector = echoing()
-    run(Given([sweep(number % 2, number) for number in range(8)]), detector, tally, heard.append)
+
+    class Keeping(Listener):
+        def hear(self, live: LiveSweep, decision: LiveDecision) -> None:
+            heard.append(decision)
+
+    tally = run(Given(eight()), echoing(), [Keeping()])
     assert [one.time_ns for one in heard] == list(range(8))
     assert [one.event for one in heard] == [False] * 4 + [True] * 2 + [False] * 2
-    assert (tally.sweeps, tally.events, tally.invalid) == (8, 2, 0)
+    assert (tally.sweeps, tally.events, tally.invalid, tally.missed) == (8, 2, 0, 7)
+
+
+def test_listeners_begin_in_order_and_end_the_other_way_round() -> None:
+    notes: list[tuple[Any, ...]] = []
+    run(Given(eight()), echoing(), [Noting(notes, "a "), Noting(notes, "b ")], most=1)
+    assert notes == [
+        ("a begin", ()), ("b begin", ()), ("a hear", 0, 0), ("b hear", 0, 0), ("b end", 1, 7), ("a end", 1, 7),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("fails", "ends", "swept"), [("begin", [], 0), ("hear", ["a end", "b end"], 1)])
+def test_who_has_begun_hears_the_end_whatever_fails(fails: str, ends: list[str], swept: int) -> None:
+    notes: list[tuple[Any, ...]] = []
+    with pytest.raises(SourceError, match=f"no {fails}"):
+        run(Given(eight()), echoing(), [Noting(notes, "a ", fails), Noting(notes, "b ")])
+    assert sorted(note[0] for note in notes if "end" in note[0]) == ends
+    assert all(note[1] == swept for note in notes if "end" in note[0])
+
+
+def test_a_source_that_fails_ends_the_run_and_the_count_is_told() -> None:
+    notes: list[tuple[Any, ...]] = []
+    with pytest.raises(SourceError, match="silent"):
+        run(Given(eight(), SourceError("the server is silent.")), echoing(), [Noting(notes)])
+    assert notes[-1] == ("end", 8, 7)
+
+
+def test_sweeps_that_do_not_fit_are_refused_before_anyone_listens() -> None:
+    notes: list[tuple[Any, ...]] = []
+    detector = LiveDetector(dataclasses.replace(HEADER, range_m=(0.1, 0.2, 0.4)), Echoing(3))
+    with pytest.raises(ConfigError, match=r"compiled for 3 bins from 0\.1 to 0\.4 m"):
+        run(Given(eight()), detector, [Noting(notes)])
+    assert notes == []

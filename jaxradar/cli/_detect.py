@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from jaxradar._errors import ConfigError, JaxradarError
-from jaxradar.cli._output import shown
+from jaxradar._program import shown
 from jaxradar.evaluation import Drawn, SeriesResult, Settings, evaluate_each
 
 __all__ = ["draw_drive", "draw_sweeps", "figure_files", "results_of"]

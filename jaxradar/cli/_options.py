@@ -1,49 +1,15 @@
-"""Options that several commands share, and the kinds of number that they take."""
+"""Options that several commands share."""
 
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Callable
 from typing import Any
 
 from jaxradar._errors import ConfigError
+from jaxradar._program import number, whole
 
-__all__ = ["add_command", "add_selection", "check_part", "number", "whole"]
-
-
-def number(least: float | None = None, *, above: bool = False) -> Callable[[str], float]:
-    """A finite number, at least (or `above`) `least`."""
-
-    def parse(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        fits = math.isfinite(value) and (least is None or value > least or (value == least and not above))
-        if not fits:
-            bound = "" if least is None else f" {'>' if above else '>='} {least:g}"
-            raise argparse.ArgumentTypeError(f"expected a number{bound}, got {text!r}")
-        return value
-
-    return parse
-
-
-def whole(least: int, most: int = 2**63 - 1) -> Callable[[str], int]:
-    """A whole number from `least` to `most`."""
-
-    def parse(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = least - 1
-        if value < least:
-            raise argparse.ArgumentTypeError(f"expected a whole number >= {least}, got {text!r}")
-        if value > most:
-            raise argparse.ArgumentTypeError(f"expected a whole number <= {most}, got {text!r}")
-        return value
-
-    return parse
+__all__ = ["add_command", "add_selection", "check_part"]
 
 
 def add_command(

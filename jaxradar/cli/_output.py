@@ -1,4 +1,4 @@
-"""What all commands print alike: file names, tables, JSON lines, figures."""
+"""What all commands print alike: tables, JSON lines, progress."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import IO, Any, Protocol, cast, runtime_checkable
 
 from jaxradar._errors import ConfigError, LogError
+from jaxradar._program import shown
 
 __all__ = [
     "Lines",
@@ -23,7 +24,6 @@ __all__ = [
     "print_table",
     "progress",
     "ready_folder",
-    "shown",
     "spare_logs",
     "told_shares",
     "write_json",
@@ -40,13 +40,6 @@ class Stream(Protocol):
     def flush(self) -> None: ...
 
     def isatty(self) -> bool: ...
-
-
-def shown(path: str | os.PathLike[str]) -> str:
-    """A path, or a sentence that names one, as one line of text that every stream and figure takes: what is no UTF-8,
-    a line end or a command to the terminal is escaped."""
-    text = os.fspath(path)
-    return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode("ascii") for sign in text)
 
 
 def plain(value: Any) -> Any:

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxradar._errors import ConfigError
-from jaxradar.cli._options import add_command, number, whole
-from jaxradar.cli._output import plain, ready_folder, shown, told_shares, write_json
+from jaxradar._program import number, shown, whole
+from jaxradar.cli._options import add_command
+from jaxradar.cli._output import plain, ready_folder, told_shares, write_json
 
 if TYPE_CHECKING:
     from jaxradar.drive import SensorSeries

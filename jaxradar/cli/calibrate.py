@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxradar._errors import ConfigError, JaxradarError
-from jaxradar.cli._options import add_command, check_part, number, whole
-from jaxradar.cli._output import Lines, shown, spare_logs, write_text
+from jaxradar._program import number, shown, whole
+from jaxradar.cli._options import add_command, check_part
+from jaxradar.cli._output import Lines, spare_logs, write_text
 
 if TYPE_CHECKING:
     from jaxradar.drive import SensorSeries

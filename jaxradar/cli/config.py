@@ -7,7 +7,8 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from jaxradar._errors import ConfigError
-from jaxradar.cli._options import add_command, number
+from jaxradar._program import number
+from jaxradar.cli._options import add_command
 
 if TYPE_CHECKING:
     from jaxradar.systems.step import DetectorFile

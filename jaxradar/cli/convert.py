@@ -8,8 +8,8 @@ import sys
 from typing import Any
 
 from jaxradar._errors import ConfigError
+from jaxradar._program import shown
 from jaxradar.cli._options import add_command
-from jaxradar.cli._output import shown
 
 __all__ = ["add_to"]
 

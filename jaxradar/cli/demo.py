@@ -9,8 +9,9 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from jaxradar._errors import LogError
-from jaxradar.cli._options import add_command, whole
-from jaxradar.cli._output import ready_folder, shown
+from jaxradar._program import shown, whole
+from jaxradar.cli._options import add_command
+from jaxradar.cli._output import ready_folder
 from jaxradar.cli.evaluate import print_results
 
 if TYPE_CHECKING:

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxradar._errors import ConfigError, LogError
-from jaxradar.cli._options import add_command, add_selection, check_part, number
-from jaxradar.cli._output import Stream, json_lines, print_table, progress, ready_folder, shown, spare_logs
+from jaxradar._program import number, shown
+from jaxradar.cli._options import add_command, add_selection, check_part
+from jaxradar.cli._output import Stream, json_lines, print_table, progress, ready_folder, spare_logs
 
 if TYPE_CHECKING:
     from jaxradar.cluster import Here

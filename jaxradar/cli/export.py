@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxradar._errors import ConfigError
-from jaxradar.cli._options import add_command, whole
-from jaxradar.cli._output import shown, spare_logs
+from jaxradar._program import shown, whole
+from jaxradar.cli._options import add_command
+from jaxradar.cli._output import spare_logs
+from jaxradar.live.options import RUNTIME, sensor_numbers
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,11 +21,11 @@ if TYPE_CHECKING:
 
 __all__ = ["add_to"]
 
-_DESCRIPTION = """\
+_DESCRIPTION = f"""\
 Compile a detector for the sweeps of one sensor, into one file that holds the
 whole program for the device. There it needs Python, numpy and IREE's runtime:
 
-  pip install numpy pyserial 'iree-base-runtime>=3.13,<3.14'
+  pip install numpy pyserial '{RUNTIME}'
   python3 step.pyz --source acconeer
 
 The sweeps are those of a log (--like), or said by --range and --bins. The
@@ -47,7 +49,9 @@ def add_to(commands: Any) -> None:
     parser.add_argument("--like", metavar="LOG", help="for sweeps like those of this log")
     parser.add_argument("--range", type=_range, metavar="M:M", help="or from the first bin to the last, as in 0.1:0.8")
     parser.add_argument("--bins", type=whole(2, 100_000), metavar="N", help="with --range: how many bins")
-    parser.add_argument("--sensors", type=_sensors, metavar="N,N", help="of these sensors (default: those of the log)")
+    parser.add_argument(
+        "--sensors", type=sensor_numbers, metavar="N,N", help="of these sensors (default: those of the log)"
+    )
     parser.add_argument(
         "--target",
         default="host",
@@ -72,12 +76,6 @@ def _range(text: str) -> tuple[float, float]:
     if not 0 <= first < last:
         raise argparse.ArgumentTypeError(f"expected two ranges in metres such as 0.1:0.8, got {text!r}")
     return first, last
-
-
-def _sensors(text: str) -> tuple[int, ...]:
-    if not re.fullmatch(r"\d+(,\d+)*", text):
-        raise argparse.ArgumentTypeError(f"expected sensor numbers such as 1,3, got {text!r}")
-    return tuple(dict.fromkeys(int(part) for part in text.split(",")))
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -125,8 +123,9 @@ def _sweeps(args: argparse.Namespace) -> tuple[np.ndarray, np.ndarray | None, tu
     drive = read_log(args.like)
     wanted = args.sensors or tuple(series.sensor for series in drive.sensors)
     chosen = [series for series in drive.sensors if series.sensor in wanted]
-    if len(chosen) < len(wanted):
-        raise ConfigError(f"{shown(args.like)}: has not all of the sensors {', '.join(map(str, wanted))}.")
+    have = [series.sensor for series in drive.sensors]
+    if unknown := [number for number in wanted if number not in have]:
+        raise ConfigError(f"{args.like}: has no sensor {unknown[0]}; expected some of {', '.join(map(str, have))}.")
     first = chosen[0]
     if any(not np.array_equal(one.range_m, first.range_m) or one.sweeps.dtype != first.sweeps.dtype for one in chosen):
         raise ConfigError(f"{shown(args.like)}: its sensors have sweeps of different kinds; choose by --sensors.")

@@ -7,8 +7,9 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from jaxradar._errors import JaxradarError
+from jaxradar._program import shown
 from jaxradar.cli._options import add_command
-from jaxradar.cli._output import Lines, shown
+from jaxradar.cli._output import Lines
 
 if TYPE_CHECKING:
     from jaxradar.drive import Channel, Drive, SensorSeries

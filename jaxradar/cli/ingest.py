@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from jaxradar._errors import ConfigError
-from jaxradar.cli._options import add_command, whole
-from jaxradar.cli._output import progress, shown
+from jaxradar._program import shown, whole
+from jaxradar.cli._options import add_command
+from jaxradar.cli._output import progress
 
 __all__ = ["add_to"]
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from jaxradar._errors import LogError
-from jaxradar.cli._options import add_command, number
-from jaxradar.cli._output import shown
+from jaxradar._program import number, shown
+from jaxradar.cli._options import add_command
 
 __all__ = ["add_to"]
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from jaxradar._errors import ConfigError
 from jaxradar.cli._options import add_command
 from jaxradar.live.options import add_live_options
+from jaxradar.live.sources import ACCONEER, SourceKind, replayed, source_of
 
 if TYPE_CHECKING:
     from jaxradar.live.artefact import Header
@@ -27,12 +26,6 @@ is simulated. Detections are printed as they are made.
 is read and not run. On a device without JAX such a file is the whole program:
 python3 step.pyz takes the same options."""
 
-_SOURCES = {
-    "replay": "a recorded log",
-    "scene": "a scene's name or its TOML file, simulated",
-    "acconeer": "Acconeer's exploration server, on this host (localhost) or WHERE",
-}
-
 
 def add_to(commands: Any) -> None:
     """Make the command known."""
@@ -44,7 +37,7 @@ def add_to(commands: Any) -> None:
         description=_DESCRIPTION,
         example="jaxradar live --source replay LOG\n  jaxradar live --source acconeer --detector step.pyz",
     )
-    add_live_options(parser, _SOURCES)
+    add_live_options(parser, {kind: what.about for kind, what in _SOURCES.items()})
     parser.add_argument(
         "--detector", default="default", metavar="NAME", help="a detector, FILE.toml or FILE.pyz (default: default)"
     )
@@ -57,8 +50,10 @@ def _run(args: argparse.Namespace) -> int:
 
     if is_artefact(args.detector) or args.detector.endswith(".pyz"):
         header, step = _compiled(args.detector)
-        return detect_live(args, _source(args, header.sensors, header.bins), lambda _: LiveDetector(header, step))
-    return detect_live(args, _source(args, (), None), lambda source: LiveDetector(*_made(args.detector, source)))
+        return detect_live(args, source_of(args, _SOURCES, header), lambda _: LiveDetector(header, step))
+    return detect_live(
+        args, source_of(args, _SOURCES, None), lambda source: LiveDetector(*_made(args.detector, source))
+    )
 
 
 def _compiled(path: str) -> tuple[Header, Step]:
@@ -86,32 +81,20 @@ def _made(detector: str, source: Source) -> tuple[Header, Step]:
     return header_of(file, step, kind="jax", target="host", sensors=source.sensors, versions={}), JaxStep.of_step(step)
 
 
-def _source(args: argparse.Namespace, sensors: tuple[int, ...], bins: int | None) -> Source:
-    makers: dict[str, Callable[[], Source]] = {
-        "replay": lambda: _replayed(args),
-        "scene": lambda: _simulated(args),
-        "acconeer": lambda: _acconeer(args, sensors, bins),
-    }
-    if args.source != "acconeer" and args.where is None:
-        raise ConfigError(f"--source {args.source} needs to know which: --source {args.source} WHERE.")
-    return makers[args.source]()
-
-
-def _replayed(args: argparse.Namespace) -> Source:
-    from jaxradar.live.app import replay_of
+def _replayed(args: argparse.Namespace, _: Header | None) -> Source:
     from jaxradar.logs import read_log
 
-    return replay_of(args, read_log(args.where))
+    return replayed(args, read_log(args.where))
 
 
-def _simulated(args: argparse.Namespace) -> Source:
-    from jaxradar.live.app import replay_of
+def _simulated(args: argparse.Namespace, _: Header | None) -> Source:
     from jaxradar.sim import load_scene, simulate
 
-    return replay_of(args, simulate(load_scene(args.where), seed=0))
+    return replayed(args, simulate(load_scene(args.where), seed=0))
 
 
-def _acconeer(args: argparse.Namespace, sensors: tuple[int, ...], bins: int | None) -> Source:
-    from jaxradar.live.app import acconeer_of
-
-    return acconeer_of(args, sensors, bins)
+_SOURCES = {
+    "replay": SourceKind("a recorded log", _replayed, "LOG"),
+    "scene": SourceKind("a scene's name or its TOML file, simulated", _simulated, "SCENE"),
+    "acconeer": ACCONEER,
+}

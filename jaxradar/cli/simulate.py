@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxradar._errors import ConfigError
-from jaxradar.cli._options import add_command, number, whole
-from jaxradar.cli._output import console, plain, print_table, ready_folder, shown
+from jaxradar._program import number, shown, whole
+from jaxradar.cli._options import add_command
+from jaxradar.cli._output import console, plain, print_table, ready_folder
 
 if TYPE_CHECKING:
     from jaxradar.sim import RoadScene, Significance, Tolerance

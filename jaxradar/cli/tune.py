@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxradar._errors import ConfigError
-from jaxradar.cli._options import add_command, number, whole
-from jaxradar.cli._output import plain, print_table, progress, ready_folder, shown, spare_logs, write_json, write_text
+from jaxradar._program import number, shown, whole
+from jaxradar.cli._options import add_command
+from jaxradar.cli._output import plain, print_table, progress, ready_folder, spare_logs, write_json, write_text
 
 if TYPE_CHECKING:
     from jaxradar.drive import Drive, SensorSeries

@@ -6,8 +6,9 @@ import argparse
 from typing import Any
 
 from jaxradar._errors import LogError
+from jaxradar._program import shown
 from jaxradar.cli._options import add_command, add_selection, check_part
-from jaxradar.cli._output import ready_folder, shown
+from jaxradar.cli._output import ready_folder
 
 __all__ = ["add_to"]
 

@@ -13,18 +13,33 @@ from pathlib import Path
 import jaxradar
 from jaxradar.drivefile import staged
 from jaxradar.live.artefact import HEADER, PROGRAMS, Artefact
+from jaxradar.live.options import RUNTIME
 
 __all__ = ["MODULES", "archive_bytes", "write_archive"]
 
 # What the program on the device is made of; all of it needs NumPy alone.
-MODULES = ("__init__.py", "_errors.py", "_toml.py", "drive.py", "motion.py", "units.py", "drivefile", "labcsv", "live")
+MODULES = (
+    *("__init__.py", "_errors.py", "_program.py", "_toml.py", "drive.py", "motion.py", "units.py"),
+    *("drivefile", "labcsv", "live"),
+)
 _FIRST_LINE = b"#!/usr/bin/env python3\n"
-_MAIN = """\
+# What is missing is said in a sentence, which any Python 3 can read.
+_MAIN = f"""\
 import sys
+
+name = __file__.rpartition("__main__.py")[0].rstrip("/\\\\")
+if sys.version_info < (3, 11):
+    sys.stderr.write("%s: needs Python 3.11 or newer; this is %s.\\n" % (name, sys.version.split()[0]))
+    sys.exit(2)
+try:
+    import numpy
+except ImportError:
+    sys.stderr.write("%s: needs NumPy; install it with `pip install numpy '{RUNTIME}'`.\\n" % name)
+    sys.exit(2)
 
 from jaxradar.live.app import main
 
-sys.exit(main(own=__file__.rpartition("__main__.py")[0].rstrip("/\\\\")))
+sys.exit(main(own=name))
 """
 _TIME = (1980, 1, 1, 0, 0, 0)  # the first that a zip archive knows: the same content gives the same bytes
 

@@ -23,6 +23,7 @@ from jaxradar.drive import FULL_SCALE, Channel, Drive, Motion, SensorSeries, Swe
 from jaxradar.labcsv.clock import odd_times, unwrap_counter
 from jaxradar.labcsv.table import NUMBER, Table, is_cut, read_bytes, read_table, shown
 from jaxradar.labcsv.truth import read_truth, truth_path
+from jaxradar.motion import KNOWN
 from jaxradar.units import NANOSECONDS
 
 __all__ = [
@@ -36,7 +37,7 @@ __all__ = [
     "sensor_number",
 ]
 
-MOTION_COLUMNS = ("acceleration_m_s2", "yaw_rate_rad_s", "speed_m_s")
+MOTION_COLUMNS = tuple(KNOWN)  # named as the channels are
 MOTION_FILES = ("acc.csv", "gyro.csv")  # the loader's name, the program's name
 _SENSOR_NAME = re.compile(r"[0-9]{1,9}")
 SERIAL_TIME_OUT = -129.0  # `serialGetchar() - 128` where nothing came: -1 - 128

@@ -1,5 +1,8 @@
 """Sweeps as they come: from a sensor on the car, or from a recorded drive as if it were one.
 
+A `Source` (`sweeps`) gives them, a `LiveDetector` (`detect`) decides on each, and the loop that does both, `run.run`,
+tells its `Listener`s; `app` makes these of `options`, for the device and for `jaxradar live`.
+
 Runs on the device: NumPy and the standard library alone. Acconeer's client is imported where it is asked for.
 """
 

@@ -1,69 +1,63 @@
-"""Live detection as a program: what `python3 step.pyz` runs, and `jaxradar live` with more sources and detectors."""
+"""Live detection as a program: what `python3 step.pyz` runs, and `jaxradar live` with more sources and detectors.
+
+From the options to a run: `options` parses, `sources` makes the source, `listeners_of` says who listens, `run` owns the
+loop. Here the source is opened and closed, and signals end it.
+"""
 
 from __future__ import annotations
 
 import argparse
-import json
-import os
+import contextlib
 import signal
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
 
-from jaxradar._errors import ConfigError, JaxradarError
-from jaxradar.drive import Drive
+from jaxradar._errors import ConfigError
+from jaxradar._program import Parser, ended
 from jaxradar.live.artefact import Header, read_artefact
-from jaxradar.live.detect import LiveDecision, LiveDetector
-from jaxradar.live.options import BINS, HOST, SENSORS, add_live_options
+from jaxradar.live.detect import LiveDetector
+from jaxradar.live.options import add_live_options
+from jaxradar.live.printed import InJson, InWords
 from jaxradar.live.program import Program
-from jaxradar.live.run import Tally, event_record, run
+from jaxradar.live.run import Listener, run
+from jaxradar.live.sources import DEVICE_SOURCES, source_of
 from jaxradar.live.sweeps import Source
-from jaxradar.units import NANOSECONDS
 
-__all__ = ["DEVICE_SOURCES", "acconeer_of", "detect_live", "main", "read_device_log", "replay_of"]
+__all__ = ["detect_live", "listeners_of", "load", "main"]
 
-DEVICE_SOURCES = {
-    "replay": "a recorded log, in the package's binary form or the lab's CSV",
-    "acconeer": "Acconeer's exploration server, on this host (localhost) or WHERE",
-}
-_ENDED_BY_SIGNAL = 128
-
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}. See `{self.prog} --help`.\n")
+_ENDED_BY_SIGNAL = 128  # and its number, as a shell says
 
 
 def main(argv: Sequence[str] | None = None, *, own: str | None = None) -> int:
-    """The program on the device; `own`: the file that holds it and its detector."""
+    """The program on the device; `own`: the file that holds it and its detector. Returns the exit status: 0 all well,
+    1 some of it failed, 2 usage, as the package's own command line has it."""
     name = Path(own).name if own else "jaxradar.live"
-    parser = _Parser(
+    return ended(name, lambda: _main(name, argv, own))
+
+
+def _main(name: str, argv: Sequence[str] | None, own: str | None) -> int:
+    parser = Parser(
         prog=name,
         description="Find road steps in the sweeps of a radar as they come, with the detector in this file.",
         epilog=f"example:\n  python3 {name} --source replay LOG\n  python3 {name} --source acconeer",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    add_live_options(parser, DEVICE_SOURCES)
+    add_live_options(parser, {kind: what.about for kind, what in DEVICE_SOURCES.items()})
     parser.add_argument("--detector", metavar="FILE", help="another compiled detector (default: the one in this file)")
     args = parser.parse_args(argv)
-    try:
-        file = args.detector or own
-        if file is None:
-            raise ConfigError("expected --detector, a file that `jaxradar export` made.")
-        header, program = load(file)
-        return detect_live(args, device_source(args, header), lambda _: LiveDetector(header, program))
-    except JaxradarError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return 2 if isinstance(error, ConfigError) else 1
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return _ENDED_BY_SIGNAL + signal.SIGPIPE
+    file = args.detector or own
+    if file is None:
+        raise ConfigError("expected --detector, a file that `jaxradar export` made.")
+    header, program = load(file)
+    return detect_live(args, source_of(args, DEVICE_SOURCES, header), lambda _: LiveDetector(header, program))
 
 
 def load(file: str) -> tuple[Header, Program]:
-    """A compiled detector out of its file, which is read and not run."""
+    """A compiled detector out of its file, which is read and not run.
+
+    Raises `ConfigError` where it is none, or is not one that IREE's runtime here runs.
+    """
     artefact = read_artefact(file)
     header = artefact.header
     if header.kind != "iree":
@@ -71,119 +65,33 @@ def load(file: str) -> tuple[Header, Program]:
     return header, Program.of_artefact(artefact)
 
 
-def device_source(args: argparse.Namespace, header: Header) -> Source:
-    """The source that the options name."""
-    if args.source == "acconeer":
-        return acconeer_of(args, header.sensors, header.bins)
-    if args.where is None:
-        raise ConfigError("--source replay needs a log: --source replay LOG.")
-    return replay_of(args, read_device_log(Path(args.where)))
-
-
-def acconeer_of(args: argparse.Namespace, sensors: tuple[int, ...], bins: int | None) -> Source:
-    """The exploration server that the options name; `sensors` and `bins`: of the detector, where it says so."""
-    from jaxradar.live.acconeer import AcconeerSource
-
-    return AcconeerSource(
-        args.where or HOST,
-        sensors=args.sensors or sensors or SENSORS,
-        start_m=args.start_m,
-        length_m=args.length_m,
-        rate_hz=args.rate_hz,
-        running_average=args.running_average,
-        bins=bins or BINS,
-    )
-
-
-def replay_of(args: argparse.Namespace, drive: Drive) -> Source:
-    """A drive at the pace that the options name."""
-    from jaxradar.live.replay import Replay
-
-    return Replay(drive, None if args.fast else args.pace, sensors=args.sensors)
-
-
-def read_device_log(path: Path) -> Drive:
-    """A log in one of the two forms that NumPy alone reads. Raises `JaxradarError` for what is none."""
-    from jaxradar.drivefile import is_drive_folder, read_drive
-
-    if not path.exists():
-        raise ConfigError(f"{path}: there is no such file or folder.")
-    if is_drive_folder(path):
-        return read_drive(path)
-    from jaxradar.labcsv import looks_like_radar, read_lab_csv
-
-    if path.is_dir() or looks_like_radar(path):
-        return read_lab_csv(path)
-    raise ConfigError(
-        f"{path}: is neither the package's binary form nor the lab's CSV; other logs, and scenes, are read by the full "
-        "package, with `jaxradar live`."
-    )
+def listeners_of(args: argparse.Namespace) -> list[Listener]:
+    """Who listens to the run, as the options have it."""
+    return [InJson() if args.json else InWords()]
 
 
 def detect_live(args: argparse.Namespace, source: Source, detector_of: Callable[[Source], LiveDetector]) -> int:
-    """Through the source to its end, or until a signal; detections on standard output as they come.
+    """Through the source to its end, or until a signal. Returns the exit status.
 
-    `detector_of`: what gives the detector once the source is open, and its range axis known. Returns the exit status.
+    `detector_of`: what gives the detector once the source is open, and its range axis known.
     """
-    tally = Tally()
-    said = _json_line if args.json else _line
-    out: Callable[[str], Any] = lambda text: print(text, flush=True)  # noqa: E731
+    with _closed_by_signals(source) as came, source:
+        run(source, detector_of(source), listeners_of(args), most=args.sweeps)
+    return _ENDED_BY_SIGNAL + came[0] if came else 0
 
-    def each(decision: LiveDecision) -> None:
-        if decision.event:
-            out(said(decision, detector.header))
-        if args.sweeps is not None and tally.sweeps >= args.sweeps:
-            source.close()
 
-    ended: list[int] = []
+@contextlib.contextmanager
+def _closed_by_signals(source: Source) -> Iterator[list[int]]:
+    """SIGINT and SIGTERM close the source, which ends the loop in good order; gives the numbers of those that came."""
+    came: list[int] = []
 
-    def stop(number: int, _: object) -> None:
-        ended.append(number)
+    def close(number: int, _: object) -> None:
+        came.append(number)
         source.close()
 
-    before = {one: signal.signal(one, stop) for one in (signal.SIGINT, signal.SIGTERM)}
+    before = {one: signal.signal(one, close) for one in (signal.SIGINT, signal.SIGTERM)}
     try:
-        with source:
-            detector = detector_of(source)
-            detector.header.check_axis(source.range_m)
-            detector.header.check_amplitudes(source.dtype)
-            for problem in (*source.problems, *_blind(source, detector.header)):
-                print(problem, file=sys.stderr)
-            run(source, detector, tally, each)
+        yield came
     finally:
         for one, handler in before.items():
             signal.signal(one, handler)
-    record = {"summary": tally.record() | {"missed": source.missed, "misfits": detector.misfits}}
-    if args.json:
-        out(json.dumps(record))
-    else:
-        print(_summary(tally, source.missed, detector.misfits), file=sys.stderr)
-    return _ENDED_BY_SIGNAL + ended[0] if ended else 0
-
-
-def _blind(source: Source, header: Header) -> list[str]:
-    if not header.motion or source.tells_motion:
-        return []
-    return [f"{header.detector} goes by the car's motion too, of which this source tells nothing: by the sweeps alone."]
-
-
-def _json_line(decision: LiveDecision, header: Header) -> str:
-    return json.dumps({"event": event_record(decision, header.threshold)})
-
-
-def _line(decision: LiveDecision, header: Header) -> str:
-    time_s, threshold = decision.time_ns / NANOSECONDS, header.threshold
-    impact = f", impact in {decision.impact_in_s * 1e3:.0f} ms" if decision.impact_in_s else ""
-    return (
-        f"{time_s:10.3f} s  sensor {decision.sensor}: step {decision.range_m:.3f} m away{impact} "
-        f"({header.statistic_name} {decision.statistic:.3g}, above {threshold:.3g})"
-    )
-
-
-def _summary(tally: Tally, missed: int, misfits: int) -> str:
-    seconds = (tally.last_ns - tally.first_ns) / NANOSECONDS
-    parts = [f"{tally.sweeps} sweeps in {seconds:.1f} s", f"{tally.events} detection{'' if tally.events == 1 else 's'}"]
-    parts += [f"{count} {what}" for count, what in ((missed, "missed"), (misfits, "of a wrong length")) if count]
-    if tally.sweeps:
-        parts.append(f"{tally.took_us(0.5):.0f} µs a sweep (99 %: {tally.took_us(0.99):.0f})")
-    return ", ".join(parts) + "."

@@ -150,7 +150,9 @@ def read_artefact(path: str | PathLike[str]) -> Artefact:
         with zipfile.ZipFile(Path(name)) as archive:
             return _read(name, archive)
     except OSError as error:
-        raise ConfigError(f"{name}: {error.strerror or error}.") from None
+        raise ConfigError(
+            f"{name}: cannot be read: {error.strerror or error}; expected a file that `jaxradar export` made."
+        ) from None
     except _DAMAGES:
         raise ConfigError(f"{name}: is damaged, or no compiled detector; export it again.") from None
 

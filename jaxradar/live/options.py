@@ -3,37 +3,29 @@
 from __future__ import annotations
 
 import argparse
-import math
-from collections.abc import Callable
+from collections.abc import Mapping
 
-__all__ = ["BINS", "HOST", "SENSORS", "add_live_options"]
+from jaxradar._errors import ConfigError
+from jaxradar._program import number, whole
+
+__all__ = ["BINS", "HOST", "RUNTIME", "SENSORS", "add_live_options", "check_options", "sensor_numbers"]
 
 # As the lab's program sets them (thesis, appendix C.1).
 RATE_HZ, START_M, LENGTH_M, BINS, SENSORS = 100.0, 0.1, 0.7, 128, (1, 3)
 HOST = "localhost"  # the exploration server's, on the device itself
+RUNTIME = "iree-base-runtime>=3.13,<3.14"  # what pip calls the runtime of compiled detectors
+
+_OF_REPLAY = {"--pace": "pace", "--fast": "fast"}
+_OF_SERVER = {
+    "--from": "start_m",
+    "--length": "length_m",
+    "--rate": "rate_hz",
+    "--running-average": "running_average",
+}
 
 
-def _number(least: float, *, above: bool = True) -> Callable[[str], float]:
-    def parse(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not (math.isfinite(value) and (value > least if above else value >= least)):
-            raise argparse.ArgumentTypeError(f"expected a number {'>' if above else '>='} {least:g}, got {text!r}")
-        return value
-
-    return parse
-
-
-def _whole(text: str) -> int:
-    value = int(text) if text.isdecimal() else 0
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number >= 1, got {text!r}")
-    return value
-
-
-def _sensors(text: str) -> tuple[int, ...]:
+def sensor_numbers(text: str) -> tuple[int, ...]:
+    """Different numbers of sensors, from text such as `1,3`."""
     parts = text.split(",")
     numbers = tuple(int(part) if part.strip().isdecimal() else -1 for part in parts)
     if min(numbers) < 0 or len(set(numbers)) != len(numbers):
@@ -41,21 +33,41 @@ def _sensors(text: str) -> tuple[int, ...]:
     return numbers
 
 
-def add_live_options(parser: argparse.ArgumentParser, sources: dict[str, str]) -> None:
+def add_live_options(parser: argparse.ArgumentParser, sources: Mapping[str, str]) -> None:
     """`sources`: what each kind of source is made of, by its name."""
     words = "; ".join(f"{name}: {what}" for name, what in sources.items())
+    places = ["the log", *(["the scene"] if "scene" in sources else []), "or the server's host"]
     parser.add_argument("--source", required=True, choices=tuple(sources), metavar="KIND", help=words)
-    parser.add_argument("where", nargs="?", metavar="WHERE", help="the log, the scene or the server's host")
-    parser.add_argument("--sensors", type=_sensors, metavar="N,N", help="these sensors (default: all; of a server 1,3)")
-    pace = parser.add_mutually_exclusive_group()
-    pace.add_argument("--pace", type=_number(0.0), default=1.0, metavar="X", help="replay X times as fast (default: 1)")
-    pace.add_argument("--fast", action="store_true", help="replay as fast as it goes")
-    parser.add_argument("--sweeps", type=_whole, metavar="N", help="end after so many sweeps")
-    parser.add_argument("--json", action="store_true", help="detections, and at the end a summary, as JSON lines")
-    server = parser.add_argument_group("of a server")
-    server.add_argument("--from", type=_number(0.0, above=False), default=START_M, dest="start_m", metavar="M")
-    server.add_argument("--length", type=_number(0.0), default=LENGTH_M, dest="length_m", metavar="M")
-    server.add_argument("--rate", type=_number(0.0), default=RATE_HZ, dest="rate_hz", metavar="HZ")
-    server.add_argument(
-        "--running-average", type=_number(0.0, above=False), default=0.0, metavar="X", help="of the sensor (default: 0)"
+    parser.add_argument("where", nargs="?", metavar="WHERE", help=", ".join(places))
+    parser.add_argument(
+        "--sensors",
+        type=sensor_numbers,
+        metavar="N,N",
+        help="these sensors (default: all; of a server those of the compiled detector, or 1,3)",
     )
+    parser.add_argument("--sweeps", type=whole(1), metavar="N", help="end after so many sweeps, of all sensors")
+    parser.add_argument("--json", action="store_true", help="detections, and at the end a summary, as JSON lines")
+    replay = parser.add_argument_group("of what was recorded or simulated")
+    pace = replay.add_mutually_exclusive_group()
+    pace.add_argument("--pace", type=number(0.0, above=True), metavar="X", help="X times as fast (default: 1)")
+    pace.add_argument("--fast", action="store_true", help="as fast as it goes")
+    server = parser.add_argument_group("of a server")
+    of_server = {  # each with its default, which `sources` takes where none is given
+        "--from": (number(0.0), "M", f"nearest range in metres (default: {START_M:g})"),
+        "--length": (number(0.0, above=True), "M", f"so many metres from there (default: {LENGTH_M:g})"),
+        "--rate": (number(0.0, above=True), "HZ", f"sweeps a second of each sensor (default: {RATE_HZ:g})"),
+        "--running-average": (number(0.0), "X", "the sensor's own over sweeps, 0 to below 1 (default: 0)"),
+    }
+    for name, (kind, metavar, about) in of_server.items():
+        server.add_argument(name, type=kind, dest=_OF_SERVER[name], metavar=metavar, help=about)
+
+
+def check_options(args: argparse.Namespace) -> None:
+    """Raises `ConfigError` for an option that the source which the others name has not, instead of passing it over."""
+    server = args.source == "acconeer"
+    for option, name in (_OF_REPLAY if server else _OF_SERVER).items():
+        if getattr(args, name) not in (None, False):
+            raise ConfigError(
+                f"{option} is not for --source {args.source}; it goes with "
+                f"{'what was recorded' if server else '--source acconeer'}."
+            )

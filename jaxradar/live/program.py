@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxradar._errors import ConfigError
 from jaxradar.live.artefact import Artefact
+from jaxradar.live.options import RUNTIME
 
 __all__ = ["Program"]
 
@@ -96,6 +97,6 @@ def _runtime() -> Any:
         import iree.runtime
     except ImportError:
         raise ConfigError(
-            "a compiled detector needs IREE's runtime; install it with `pip install 'iree-base-runtime>=3.13,<3.14'`."
+            f"a compiled detector needs IREE's runtime; install it with `pip install '{RUNTIME}'`."
         ) from None
     return iree.runtime
