@@ -19,12 +19,29 @@ __all__ = ["MODULES", "archive_bytes", "write_archive"]
 # What the program on the device is made of; all of it needs NumPy alone.
 MODULES = ("__init__.py", "_errors.py", "_toml.py", "drive.py", "motion.py", "units.py", "drivefile", "labcsv", "live")
 _FIRST_LINE = b"#!/usr/bin/env python3\n"
+# Ctrl-C outside of the detection, which takes it in its own way, ends the process without a traceback. Python compares
+# no checksum of what it imports from an archive: a damaged module could decide otherwise without a word.
 _MAIN = """\
+import signal
 import sys
+import zipfile
+
+if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+own = __file__.rpartition("__main__.py")[0].rstrip("/\\\\")
+try:
+    with zipfile.ZipFile(own) as archive:
+        damaged = archive.testzip() is not None
+except Exception:
+    damaged = True
+if damaged:
+    print(f"{own}: is damaged; export it, or copy it, again.", file=sys.stderr)
+    sys.exit(2)
 
 from jaxradar.live.app import main
 
-sys.exit(main(own=__file__.rpartition("__main__.py")[0].rstrip("/\\\\")))
+sys.exit(main(own=own))
 """
 _TIME = (1980, 1, 1, 0, 0, 0)  # the first that a zip archive knows: the same content gives the same bytes
 

@@ -58,8 +58,19 @@ def main(argv: Sequence[str] | None = None, *, own: str | None = None) -> int:
         print(f"{name}: {error}", file=sys.stderr)
         return 2 if isinstance(error, ConfigError) else 1
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return _ENDED_BY_SIGNAL + signal.SIGPIPE
+    except OSError as error:
+        if error.filename is None:  # of a stream and not of a file
+            _drop_output()
+        place = "standard output" if error.filename is None else error.filename
+        print(f"{name}: {place}: {error.strerror or error}.", file=sys.stderr)
+        return 1
+
+
+def _drop_output() -> None:
+    """Nobody takes what is left of the output. Python would try again, and complain, when it closes the stream."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def load(file: str) -> tuple[Header, Program]:
@@ -150,14 +161,14 @@ def detect_live(args: argparse.Namespace, source: Source, detector_of: Callable[
             for problem in (*source.problems, *_blind(source, detector.header)):
                 print(problem, file=sys.stderr)
             run(source, detector, tally, each)
+        # While signals are still taken: of two, the second must not cost the summary.
+        if args.json:
+            out(json.dumps({"summary": tally.record() | {"missed": source.missed, "misfits": detector.misfits}}))
+        else:
+            print(_summary(tally, source.missed, detector.misfits), file=sys.stderr)
     finally:
         for one, handler in before.items():
             signal.signal(one, handler)
-    record = {"summary": tally.record() | {"missed": source.missed, "misfits": detector.misfits}}
-    if args.json:
-        out(json.dumps(record))
-    else:
-        print(_summary(tally, source.missed, detector.misfits), file=sys.stderr)
     return _ENDED_BY_SIGNAL + ended[0] if ended else 0
 
 

@@ -15,6 +15,7 @@ import dataclasses
 import hashlib
 import json
 import lzma
+import stat
 import struct
 import zipfile
 import zlib
@@ -86,7 +87,7 @@ class Header:
     def check_axis(self, range_m: np.ndarray) -> None:
         """Raises `ConfigError`, with both, unless sweeps of this range axis are those it is compiled for."""
         own = np.array(self.range_m)
-        if range_m.shape == own.shape and np.abs(range_m - own).max() <= DIGITS:
+        if range_m.shape == own.shape and len(own) and np.abs(range_m - own).max() <= DIGITS:
             return
         raise ConfigError(
             f"the sweeps have {_shown(range_m)}, and the detector is compiled for {_shown(own)}; "
@@ -109,6 +110,8 @@ def units() -> dict[str, str]:
 
 
 def _shown(range_m: np.ndarray) -> str:
+    if not len(range_m):
+        return "no bins"
     return f"{len(range_m)} bins from {range_m[0]:.6g} to {range_m[-1]:.6g} m"
 
 
@@ -133,6 +136,8 @@ class Artefact:
 def is_artefact(path: str | PathLike[str]) -> bool:
     """Whether a file is an archive with a header."""
     try:
+        if not Path(path).is_file():  # a device may never end
+            return False
         with zipfile.ZipFile(path) as archive:
             return HEADER in archive.namelist()
     except (OSError, *_DAMAGES):
@@ -147,6 +152,8 @@ def read_artefact(path: str | PathLike[str]) -> Artefact:
     """
     name = fspath(path)
     try:
+        if not stat.S_ISREG(mode := Path(name).stat().st_mode) and not stat.S_ISDIR(mode):
+            raise ConfigError(f"{name}: is a device or a pipe; expected a file that `jaxradar export` made.")
         with zipfile.ZipFile(Path(name)) as archive:
             return _read(name, archive)
     except OSError as error:
