@@ -24,10 +24,11 @@ from jaxradar.export.archive import MODULES
 from jaxradar.live.app import main as device_main
 from jaxradar.live.artefact import DECISION, FORMAT, HEADER, Artefact, Header, is_artefact, read_artefact
 from jaxradar.logs import write_log
+from jaxradar.motion import MOTION_FIELDS
 
 SMALL = Header(
     "thesis", 'detector = "thesis"\n', 0.7, "range rate", "m/s", (0.1, 0.2, 0.30000000000000004), "uint16", "float64",
-    (0.0, -1.5), ("speed_m_s",), DECISION, "host", "jax", (1, 3), {"jax": "0.10.0"},
+    (0.0, -1.5), MOTION_FIELDS, DECISION, "host", "jax", (1, 3), {"jax": "0.10.0"},
 )  # fmt: skip
 PROGRAM = bytes(range(256))
 

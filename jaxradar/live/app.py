@@ -146,6 +146,12 @@ def detect_live(args: argparse.Namespace, source: Source, detector_of: Callable[
         if args.sweeps is not None and tally.sweeps >= args.sweeps:
             source.close()
 
+    def summarize(misfits: int) -> None:
+        if args.json:
+            out(json.dumps({"summary": tally.record() | {"missed": source.missed, "misfits": misfits}}))
+        else:
+            print(_summary(tally, source.missed, misfits), file=sys.stderr)
+
     ended: list[int] = []
 
     def stop(number: int, _: object) -> None:
@@ -160,12 +166,16 @@ def detect_live(args: argparse.Namespace, source: Source, detector_of: Callable[
             detector.header.check_amplitudes(source.dtype)
             for problem in (*source.problems, *_blind(source, detector.header)):
                 print(problem, file=sys.stderr)
+            if ended:  # before it was open: that begins anew
+                source.close()
             run(source, detector, tally, each)
-        # While signals are still taken: of two, the second must not cost the summary.
-        if args.json:
-            out(json.dumps({"summary": tally.record() | {"missed": source.missed, "misfits": detector.misfits}}))
-        else:
-            print(_summary(tally, source.missed, detector.misfits), file=sys.stderr)
+    except JaxradarError:
+        if tally.sweeps:
+            summarize(detector.misfits)
+        if not ended:  # what a signal broke off is no failure
+            raise
+    else:
+        summarize(detector.misfits)  # while signals are still taken: of two, the second must not cost it
     finally:
         for one, handler in before.items():
             signal.signal(one, handler)
