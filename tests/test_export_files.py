@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import subprocess
 import sys
 import tempfile
@@ -129,6 +130,9 @@ DAMAGES: dict[str, tuple[Any, str]] = {
     "words for an axis": (lambda file: with_header(file, range_m=["near", "far"]), "not whole"),
     "words for a state": (lambda file: with_header(file, state=["none"]), "not whole"),
     "no number": (lambda file: with_header(file, threshold="high"), "not whole"),
+    "no finite number": (lambda file: with_header(file, state=[1.0, math.inf]), "not whole"),
+    "a number beyond all": (lambda file: with_header(file, threshold=10**400), "not whole"),
+    "no name": (lambda file: with_header(file, detector=5), "not whole"),
     "no type": (lambda file: with_header(file, vectors="float16"), "not whole"),
     "no type of sweeps": (lambda file: with_header(file, sweeps="complex"), "not whole"),
     "other decisions": (lambda file: with_header(file, decision=["event"]), "not whole"),
@@ -147,6 +151,22 @@ def test_a_damaged_file_is_refused_in_a_sentence(damage: str, small: Path, capsy
         assert said.out == ""
         assert len(said.err.splitlines()) == 1
         assert words in said.err
+
+
+@pytest.mark.parametrize(
+    "changes", [{"state": [0.0]}, {"vectors": "float32"}, {"motion": list(MOTION_FIELDS)}], ids=str
+)
+def test_a_header_of_another_program_is_refused(
+    changes: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The program is whole and what its hash says, but takes other vectors."""
+    write_log(wandering(), tmp_path / "log.drive")
+    write_archive(tmp_path / "step.pyz", read_artefact(exported("thesis")))
+    file = with_header(tmp_path / "step.pyz", **changes)
+    assert device_main(["--source", "replay", str(tmp_path / "log.drive"), "--detector", str(file), "--fast"]) == 2
+    said = capsys.readouterr()
+    assert (said.out, len(said.err.splitlines())) == ("", 1)
+    assert "does not take what its header says; export it again." in said.err
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import dataclasses
 import hashlib
 import json
 import lzma
+import math
 import stat
 import struct
 import zipfile
@@ -179,7 +180,7 @@ def _read(name: str, archive: zipfile.ZipFile) -> Artefact:
             values[field.name] = tuple(value) if isinstance(value, list) else value
         header = _header(values)
         program = archive.read(PROGRAMS[header.kind])
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise ConfigError(f"{name}: its header or its program is not whole ({error}); export it again.") from None
     made = Artefact(header, program)
     if made.sha256 != record.get("sha256"):
@@ -190,8 +191,11 @@ def _read(name: str, archive: zipfile.ZipFile) -> Artefact:
 def _header(values: dict[str, Any]) -> Header:
     """Of its fields. Raises `TypeError` or `ValueError` where they are not what a detector is run by."""
     numbers = (values["threshold"], *values["range_m"], *values["state"], *values["sensors"])
-    if wrong := [number for number in numbers if not isinstance(number, int | float)]:
+    if wrong := [number for number in numbers if not isinstance(number, int | float) or not math.isfinite(number)]:
         raise TypeError(f"expected a number, got {wrong[0]!r}")
+    texts = [values[name] for name in ("detector", "config", "statistic_name", "statistic_unit", "target")]
+    if wrong := [text for text in texts if not isinstance(text, str)]:
+        raise TypeError(f"expected a text, got {wrong[0]!r}")
     sweeps, vectors, decision = values["sweeps"], values["vectors"], values["decision"]
     if sweeps not in ("uint16", "float32", "float64") or vectors not in ("float32", "float64"):
         raise ValueError(f"sweeps of {sweeps!r} in vectors of {vectors!r}")
