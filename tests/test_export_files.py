@@ -153,22 +153,6 @@ def test_a_damaged_file_is_refused_in_a_sentence(damage: str, small: Path, capsy
         assert words in said.err
 
 
-@pytest.mark.parametrize(
-    "changes", [{"state": [0.0]}, {"vectors": "float32"}, {"motion": list(MOTION_FIELDS)}], ids=str
-)
-def test_a_header_of_another_program_is_refused(
-    changes: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The program is whole and what its hash says, but takes other vectors."""
-    write_log(wandering(), tmp_path / "log.drive")
-    write_archive(tmp_path / "step.pyz", read_artefact(exported("thesis")))
-    file = with_header(tmp_path / "step.pyz", **changes)
-    assert device_main(["--source", "replay", str(tmp_path / "log.drive"), "--detector", str(file), "--fast"]) == 2
-    said = capsys.readouterr()
-    assert (said.out, len(said.err.splitlines())) == ("", 1)
-    assert "does not take what its header says; export it again." in said.err
-
-
 def test_files_that_are_none(tmp_path: Path) -> None:
     (tmp_path / "text.pyz").write_text("nothing")
     for name, words in (("gone.pyz", "No such file"), ("text.pyz", "no compiled detector"), ("", "Is a directory")):

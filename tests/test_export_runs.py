@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import signal
 import subprocess
 import sys
 import time
+import zipfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 from live_samples import exported, wandering
 
 from jaxradar.export import write_archive
-from jaxradar.live.artefact import read_artefact
+from jaxradar.live.app import main as device_main
+from jaxradar.live.artefact import HEADER, read_artefact
 from jaxradar.logs import write_log
+from jaxradar.motion import MOTION_FIELDS
 
 
 @pytest.fixture
@@ -101,9 +106,55 @@ def test_damaged_code_is_not_run(log: Path, tmp_path: Path) -> None:
         assert "is damaged" in errors
 
 
+def test_ctrl_c_while_python_itself_ends_shows_no_traceback(log: Path) -> None:
+    """Of `jaxradar live`, which has JAX to take down."""
+    words = [
+        "-m",
+        "jaxradar",
+        "live",
+        "--source",
+        "replay",
+        str(log),
+        "--fast",
+        "--sweeps",
+        "1",
+        "--detector",
+        "thesis",
+    ]
+    with subprocess.Popen([sys.executable, *words], stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        said = process.stderr.readline()
+        time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        rest = process.stderr.read()
+    assert said.startswith("1 sweeps in ")
+    assert "Traceback" not in rest
+
+
 def test_neither_a_device_nor_a_pipe_is_read_for_a_detector(log: Path, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.pyz")
     for file in (tmp_path / "pipe.pyz", Path("/dev/zero")):
         status, output, errors = ended(exported("thesis"), log, "--detector", str(file))
         assert (status, output) == (2, "")
         assert errors.endswith("is a device or a pipe; expected a file that `jaxradar export` made.\n")
+
+
+@pytest.mark.parametrize(
+    "changes", [{"state": [0.0]}, {"vectors": "float32"}, {"motion": list(MOTION_FIELDS)}], ids=str
+)
+def test_a_header_of_another_program_is_refused(
+    changes: dict[str, Any], log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The program is whole and what its hash says, but takes other vectors."""
+    write_archive(tmp_path / "step.pyz", read_artefact(exported("thesis")))
+    with zipfile.ZipFile(tmp_path / "step.pyz") as archive:
+        held = {name: archive.read(name) for name in archive.namelist()}
+    held[HEADER] = json.dumps(json.loads(held[HEADER]) | changes).encode()
+    file = tmp_path / "changed.pyz"
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, content in held.items():
+            archive.writestr(name, content)
+    assert device_main(["--source", "replay", str(log), "--detector", str(file), "--fast"]) == 2
+    said = capsys.readouterr()
+    assert (said.out, len(said.err.splitlines())) == ("", 1)
+    assert "does not take what its header says; export it again." in said.err
