@@ -110,6 +110,7 @@ EXPORTS = [
     ),
     (["thesis", "-o", "a.pyz", "--range", "0.8:0.1", "--bins", "9"], "expected two ranges in metres such as 0.1:0.8"),
     (["thesis", "-o", "a.pyz", "--range", "0.1.2:4", "--bins", "9"], "expected two ranges in metres such as 0.1:0.8"),
+    (["thesis", "-o", "a.pyz", "--range", f"0:{10**400}", "--bins", "9"], "expected two ranges in metres"),
     (["thesis", "-o", "a.pyz", "--range", "0.1:0.8", "--bins", "1"], "1"),
     (["thesis", "-o", "a.pyz", "--range", "0.1:0.8", "--bins", "9", "--sensors", "1;3"], "sensor numbers such as 1,3"),
     (["thesis", "-o", "a.pyz", "--range", "0.1:0.8", "--bins", "9", "--target", "z80"], "unknown target `z80`"),

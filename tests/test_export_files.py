@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import subprocess
 import sys
 import tempfile
@@ -129,6 +130,9 @@ DAMAGES: dict[str, tuple[Any, str]] = {
     "words for an axis": (lambda file: with_header(file, range_m=["near", "far"]), "not whole"),
     "words for a state": (lambda file: with_header(file, state=["none"]), "not whole"),
     "no number": (lambda file: with_header(file, threshold="high"), "not whole"),
+    "no finite number": (lambda file: with_header(file, state=[1.0, math.inf]), "not whole"),
+    "a number beyond all": (lambda file: with_header(file, threshold=10**400), "not whole"),
+    "no name": (lambda file: with_header(file, detector=5), "not whole"),
     "no type": (lambda file: with_header(file, vectors="float16"), "not whole"),
     "no type of sweeps": (lambda file: with_header(file, sweeps="complex"), "not whole"),
     "other decisions": (lambda file: with_header(file, decision=["event"]), "not whole"),

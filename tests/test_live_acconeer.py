@@ -195,6 +195,18 @@ def test_close_between_sweeps_stops_the_server_in_good_order() -> None:
 
 
 @needs_client
+def test_closed_at_one_sensors_sweep_the_other_sensors_does_not_come() -> None:
+    """Both are of one message."""
+    with ExplorationServer(recorded(sweeps=500)) as server, source(server) as opened:
+        found = []
+        for sweep in opened:
+            found.append(sweep)
+            if len(found) == 3:
+                opened.close()
+        assert len(found) == 3
+
+
+@needs_client
 def test_iteration_needs_an_open_source() -> None:
     with ExplorationServer(recorded()) as server:
         closed = source(server)

@@ -112,6 +112,15 @@ def test_no_busy_wait() -> None:
         assert time.thread_time() - before < 0.05
 
 
+def test_a_pace_so_slow_that_no_number_holds_the_time_waits_until_closed() -> None:
+    """A subnormal pace: 10 ms take 1e322 s."""
+    with Replay(Drive((series(1, [0, 10]),)), pace=1e-320) as replay:
+        timer = threading.Timer(0.2, replay.close)
+        timer.start()
+        assert len(taken(replay)) == 1
+        timer.join()
+
+
 @pytest.mark.parametrize("pace", [1.0, None])
 def test_close_from_another_thread_wakes_it(pace: float | None) -> None:
     times = [0, 3_600_000] if pace else [*range(2_000_000)]

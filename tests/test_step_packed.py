@@ -14,6 +14,7 @@ from step_samples import RANGE_M
 
 from jaxradar import Motion
 from jaxradar.drive import SweepFlag
+from jaxradar.export.check import check_sweeps
 from jaxradar.live.detect import LiveDecision
 from jaxradar.systems.step import DETECTORS, RangeAxis, detect, load_detector, motion_at, precision, time_steps
 from jaxradar.systems.step.packed import DECISION_FIELDS, PackedStep
@@ -116,6 +117,16 @@ def test_amplitudes_enter_as_they_were_recorded(dtype: str) -> None:
     inputs[70] = 65535
     _, decision = step.program()(step.initial(), inputs)
     assert np.asarray(decision)[0] == pytest.approx(RANGE_M[70], abs=1e-6)
+
+
+@pytest.mark.filterwarnings("error")
+def test_amplitudes_of_64_bits_enter_without_a_warning() -> None:
+    """In single precision, as a program over a whole log takes them."""
+    step = dataclasses.replace(packed("filtered-rate"), sweeps=np.dtype(np.float64))
+    inputs = check_sweeps(step, np.full((3, 128), 1e300))
+    assert np.isinf(inputs[600:, :128]).all()
+    _, decision = step.program()(step.initial(), inputs[0])
+    assert np.isfinite(decision).all()
 
 
 def test_amplitudes_that_no_sweep_has_are_refused() -> None:

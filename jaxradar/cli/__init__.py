@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 from collections.abc import Sequence
 from typing import NoReturn
 
@@ -77,7 +78,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     if argv is None:
         # XLA's threads crash on the usual way out of a compilation that was broken off.
-        return ended("jaxradar", lambda: _run(argv), at_interrupt=lambda: os._exit(INTERRUPTED))
+        status = ended("jaxradar", lambda: _run(argv), at_interrupt=lambda: os._exit(INTERRUPTED))
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)  # all is said: Ctrl-C while Python ends shows no traceback
+        return status
     return ended("jaxradar", lambda: _run(argv))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -73,7 +74,7 @@ def _range(text: str) -> tuple[float, float]:
         first, last = (float(found[1]), float(found[2])) if found else (0.0, 0.0)
     except ValueError:
         first = last = 0.0
-    if not 0 <= first < last:
+    if not 0 <= first < last < math.inf:
         raise argparse.ArgumentTypeError(f"expected two ranges in metres such as 0.1:0.8, got {text!r}")
     return first, last
 

@@ -23,13 +23,28 @@ MODULES = (
     *("drivefile", "labcsv", "live"),
 )
 _FIRST_LINE = b"#!/usr/bin/env python3\n"
-# What is missing is said in a sentence, which any Python 3 can read.
+# What is missing is said in a sentence, which any Python 3 can read. Ctrl-C outside of the detection, which takes it in
+# its own way, ends the process without a traceback. Python compares no checksum of what it imports from an archive: a
+# damaged module could decide otherwise without a word.
 _MAIN = f"""\
+import signal
 import sys
+import zipfile
+
+if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 name = __file__.rpartition("__main__.py")[0].rstrip("/\\\\")
 if sys.version_info < (3, 11):
     sys.stderr.write("%s: needs Python 3.11 or newer; this is %s.\\n" % (name, sys.version.split()[0]))
+    sys.exit(2)
+try:
+    with zipfile.ZipFile(name) as archive:
+        damaged = archive.testzip() is not None
+except Exception:
+    damaged = True
+if damaged:
+    sys.stderr.write("%s: is damaged; export it, or copy it, again.\\n" % name)
     sys.exit(2)
 try:
     import numpy

@@ -174,8 +174,9 @@ class AcconeerSource(Source):
                 if self._closing:
                     self._stop()
                     return
-            if message is not None:
-                yield from message
+            for sweep in message or ():
+                if not self._closing:  # maybe since another sensor's of this message
+                    yield sweep
 
     def _next(self) -> list[LiveSweep] | None:
         """One message: a sweep of each sensor; None if the source was closed meanwhile."""
@@ -204,8 +205,7 @@ class AcconeerSource(Source):
             )
         kept = rows if self._kept is None else rows[:, self._kept]
         sweeps = np.clip(np.rint(kept), 0, FULL_SCALE).astype(np.uint16)
-        if self._first_ns is None:
-            self._first_ns = now_ns
+        self._first_ns = now_ns if self._first_ns is None else self._first_ns
         message = []
         for sensor, info, sweep in zip(self._sensors, infos, sweeps, strict=True):
             flags = SweepFlag.NO_AMPLITUDES if empty else SweepFlag(0)

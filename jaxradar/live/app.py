@@ -12,7 +12,7 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from jaxradar._errors import ConfigError
+from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar._program import Parser, ended
 from jaxradar.live.artefact import Header, read_artefact
 from jaxradar.live.detect import LiveDetector
@@ -75,8 +75,16 @@ def detect_live(args: argparse.Namespace, source: Source, detector_of: Callable[
 
     `detector_of`: what gives the detector once the source is open, and its range axis known.
     """
-    with _closed_by_signals(source) as came, source:
-        run(source, detector_of(source), listeners_of(args), most=args.sweeps)
+    with _closed_by_signals(source) as came:
+        try:
+            with source:
+                detector = detector_of(source)
+                if came:  # before it was open, which begins anew
+                    source.close()
+                run(source, detector, listeners_of(args), most=args.sweeps)
+        except JaxradarError:
+            if not came:  # what a signal broke off is no failure
+                raise
     return _ENDED_BY_SIGNAL + came[0] if came else 0
 
 

@@ -15,6 +15,8 @@ import dataclasses
 import hashlib
 import json
 import lzma
+import math
+import stat
 import struct
 import zipfile
 import zlib
@@ -86,7 +88,7 @@ class Header:
     def check_axis(self, range_m: np.ndarray) -> None:
         """Raises `ConfigError`, with both, unless sweeps of this range axis are those it is compiled for."""
         own = np.array(self.range_m)
-        if range_m.shape == own.shape and np.abs(range_m - own).max() <= DIGITS:
+        if range_m.shape == own.shape and len(own) and np.abs(range_m - own).max() <= DIGITS:
             return
         raise ConfigError(
             f"the sweeps have {_shown(range_m)}, and the detector is compiled for {_shown(own)}; "
@@ -109,6 +111,8 @@ def units() -> dict[str, str]:
 
 
 def _shown(range_m: np.ndarray) -> str:
+    if not len(range_m):
+        return "no bins"
     return f"{len(range_m)} bins from {range_m[0]:.6g} to {range_m[-1]:.6g} m"
 
 
@@ -133,6 +137,8 @@ class Artefact:
 def is_artefact(path: str | PathLike[str]) -> bool:
     """Whether a file is an archive with a header."""
     try:
+        if not Path(path).is_file():  # a device may never end
+            return False
         with zipfile.ZipFile(path) as archive:
             return HEADER in archive.namelist()
     except (OSError, *_DAMAGES):
@@ -147,6 +153,8 @@ def read_artefact(path: str | PathLike[str]) -> Artefact:
     """
     name = fspath(path)
     try:
+        if not stat.S_ISREG(mode := Path(name).stat().st_mode) and not stat.S_ISDIR(mode):
+            raise ConfigError(f"{name}: is a device or a pipe; expected a file that `jaxradar export` made.")
         with zipfile.ZipFile(Path(name)) as archive:
             return _read(name, archive)
     except OSError as error:
@@ -174,7 +182,7 @@ def _read(name: str, archive: zipfile.ZipFile) -> Artefact:
             values[field.name] = tuple(value) if isinstance(value, list) else value
         header = _header(values)
         program = archive.read(PROGRAMS[header.kind])
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise ConfigError(f"{name}: its header or its program is not whole ({error}); export it again.") from None
     made = Artefact(header, program)
     if made.sha256 != record.get("sha256"):
@@ -185,8 +193,11 @@ def _read(name: str, archive: zipfile.ZipFile) -> Artefact:
 def _header(values: dict[str, Any]) -> Header:
     """Of its fields. Raises `TypeError` or `ValueError` where they are not what a detector is run by."""
     numbers = (values["threshold"], *values["range_m"], *values["state"], *values["sensors"])
-    if wrong := [number for number in numbers if not isinstance(number, int | float)]:
+    if wrong := [number for number in numbers if not isinstance(number, int | float) or not math.isfinite(number)]:
         raise TypeError(f"expected a number, got {wrong[0]!r}")
+    texts = [values[name] for name in ("detector", "config", "statistic_name", "statistic_unit", "target")]
+    if wrong := [text for text in texts if not isinstance(text, str)]:
+        raise TypeError(f"expected a text, got {wrong[0]!r}")
     sweeps, vectors, decision = values["sweeps"], values["vectors"], values["decision"]
     if sweeps not in ("uint16", "float32", "float64") or vectors not in ("float32", "float64"):
         raise ValueError(f"sweeps of {sweeps!r} in vectors of {vectors!r}")

@@ -40,9 +40,14 @@ class Program:
 
     @classmethod
     def of_artefact(cls, artefact: Artefact) -> Program:
-        """The program of a compiled file."""
+        """The program of a compiled file. Raises `ConfigError` where it does not take what the header says."""
         header = artefact.header
-        return cls(artefact.program, header.first_state, header.inputs, len(header.decision))
+        made = cls(artefact.program, header.first_state, header.inputs, len(header.decision))
+        try:
+            made.another().run()
+        except (RuntimeError, ValueError):
+            raise ConfigError("the compiled detector does not take what its header says; export it again.") from None
+        return made
 
     def another(self) -> Program:
         """The same program from its first state on, for another sensor."""

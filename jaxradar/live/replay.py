@@ -22,6 +22,7 @@ __all__ = ["Replay"]
 
 _LONGEST_WAIT_S = 3600.0  # at a time: a 32-bit system cannot wait for more than 4.29e6 s
 _RESET_NS = NANOSECONDS
+_NEVER_NS = 1 << 100
 
 
 class Replay(Source):
@@ -97,10 +98,10 @@ class Replay(Source):
                     origin_ns = latest_ns = sweep.time_ns
                 elif sweep.time_ns < latest_ns - _RESET_NS:
                     # Due when the sweep before was: from the clock now, errors would add up.
-                    start_ns += round((latest_ns - origin_ns) / self._pace)
+                    start_ns += _paced_ns(latest_ns - origin_ns, self._pace)
                     origin_ns = latest_ns = sweep.time_ns
                 latest_ns = max(latest_ns, sweep.time_ns)
-                _wait_until(bell, start_ns + round((sweep.time_ns - origin_ns) / self._pace))
+                _wait_until(bell, start_ns + _paced_ns(sweep.time_ns - origin_ns, self._pace))
             if bell.rung:
                 return
             if sweep.flags & SweepFlag.MISSED_DATA:
@@ -135,6 +136,11 @@ class _Bell:
     def wait(self, seconds: float) -> None:
         if not self.rung:
             self._closed.acquire(timeout=seconds)
+
+
+def _paced_ns(recorded_ns: int, pace: float) -> int:
+    took_ns = recorded_ns / pace
+    return round(took_ns) if math.isfinite(took_ns) else _NEVER_NS
 
 
 def _wait_until(bell: _Bell, due_ns: int) -> None:

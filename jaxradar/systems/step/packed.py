@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.dtypes import canonicalize_dtype
 from jaxtyping import Array, Float
 
 from jaxradar._numerics import reductions
@@ -69,7 +70,7 @@ class PackedStep:
         """One sweep. Pure; traced inside `precision(detector)`."""
         bins = self.axis.bins
         observation = self.detector.observe(
-            self.axis, inputs[:bins].astype(self.sweeps), inputs[bins].astype(np.uint16)
+            self.axis, inputs[:bins].astype(canonicalize_dtype(self.sweeps)), inputs[bins].astype(np.uint16)
         )
         motion = None
         if self.detector.uses_motion:
