@@ -2,8 +2,8 @@
 
 `python tests/board.py LINK KIND [LOG]` makes a pseudo-terminal, lets the symbolic link LINK name it, as udev does with
 a device, prints `ready`, and behaves as KIND says until it is killed: `nucleo` answers each byte with one, `framed`
-each frame with one, `silent` reads and says nothing, `stalling` never reads, `babbling` sends garbage without end. LOG: each
-byte that has come, in lines of nanoseconds (of `time.monotonic_ns`) and the bytes in hexadecimal.
+each frame with one, `silent` reads and says nothing, `stalling` never reads, `babbling` sends garbage without end. LOG:
+each byte that has come, in lines of nanoseconds (of `time.monotonic_ns`) and the bytes in hexadecimal.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from jaxradar.drive import Drive
 from jaxradar.live import LiveSweep, Replay, app
 from jaxradar.live.artefact import read_artefact
 from jaxradar.live.detect import LiveDecision
-from jaxradar.live.run import Listener
+from jaxradar.live.run import Listener, Moment
 from jaxradar.logs import write_log
 
 
@@ -198,7 +198,7 @@ def test_a_signal_ends_the_loop_in_good_order(
     class Signalling(Listener):
         swept = 0
 
-        def hear(self, live: LiveSweep, decision: LiveDecision) -> None:
+        def hear(self, live: LiveSweep, decision: LiveDecision, moment: Moment) -> None:
             self.swept += 1
             if self.swept == 5:
                 signal.raise_signal(number)

@@ -17,11 +17,12 @@ from jaxradar._errors import ConfigError, SourceError
 from jaxradar.drive import Drive, SweepFlag
 from jaxradar.export import JaxStep
 from jaxradar.live import LiveSweep, Replay
-from jaxradar.live import run as running
+from jaxradar.live import tally as counting
 from jaxradar.live.artefact import DECISION, DIGITS, Header
 from jaxradar.live.detect import LiveDecision, LiveDetector, Step
 from jaxradar.live.printed import event_record
-from jaxradar.live.run import Listener, Tally, run
+from jaxradar.live.run import Listener, Moment, run
+from jaxradar.live.tally import Tally
 from jaxradar.motion import Motion
 from jaxradar.systems.step import detect
 from jaxradar.systems.step.packed import DECISION_FIELDS
@@ -196,25 +197,25 @@ def decision(event: bool = False, impact: float = 0.0) -> LiveDecision:
 def test_the_tally_counts() -> None:
     tally = Tally()
     assert tally.record() == {
-        "sweeps": 0, "invalid": 0, "events": 0, "duration_s": 0.0, "took_us": {"median": 0.0, "p99": 0.0},
-        "missed": 0, "misfits": 0,
+        "sweeps": 0, "invalid": 0, "events": 0, "missed": 0, "misfits": 0, "late": 0, "silent": 0, "dropped": 0,
+        "reopened": 0, "duration_s": 0.0, "took_us": dict.fromkeys(("median", "p99", "p99.9", "most"), 0.0),
     }  # fmt: skip
     flags = [0, SweepFlag.MISSED_DATA, SweepFlag.SATURATED, SweepFlag.NO_AMPLITUDES, SweepFlag.QUALITY_WARNING]
     for place, flag in enumerate(flags):
         tally.add(sweep(time_ns=(place + 2) * NANOSECONDS, flags=int(flag)), decision(place == 2), 1000 * (place + 1))
     assert (tally.sweeps, tally.invalid, tally.events) == (5, 2, 1)
     assert tally.record()["duration_s"] == 4.0
-    assert tally.took_us(0.5) == 3.0
-    assert tally.took_us(1.0) == 5.0
+    assert tally.took.us(0.5) == 3.0
+    assert tally.took.us(1.0) == 5.0
     json.dumps(tally.record(), allow_nan=False)
 
 
 def test_the_tally_keeps_the_last_durations(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(running, "KEPT", 4)
+    monkeypatch.setattr(counting, "KEPT", 4)
     tally = Tally()
     for took in range(1, 8):
         tally.add(sweep(), decision(), 1000 * took)
-    assert (tally.took_us(0.0), tally.took_us(1.0)) == (4.0, 7.0)
+    assert (tally.took.us(0.0), tally.took.us(1.0)) == (4.0, 7.0)
     assert tally.sweeps == 7
 
 
@@ -234,8 +235,12 @@ class Given(Replay):
         self.sweeps, self.error = sweeps, error
 
     range_m = property(lambda self: np.array(HEADER.range_m))
+    period_s = property(lambda self: None)
     dtype = property(lambda self: np.dtype(np.uint16))
     missed = property(lambda self: 7)
+
+    def close(self) -> None:
+        pass
 
     def __iter__(self) -> Iterator[LiveSweep]:
         yield from self.sweeps
@@ -257,7 +262,7 @@ class Noting(Listener):
     def begin(self, source: Any, header: Header, problems: Any) -> None:
         self._note("begin", tuple(problems))
 
-    def hear(self, live: LiveSweep, decision: LiveDecision) -> None:
+    def hear(self, live: LiveSweep, decision: LiveDecision, moment: Moment) -> None:
         self._note("hear", live.time_ns, decision.time_ns)
 
     def end(self, tally: Tally) -> None:
@@ -272,7 +277,7 @@ def test_every_decision_is_heard_in_order() -> None:
     heard: list[LiveDecision] = []
 
     class Keeping(Listener):
-        def hear(self, live: LiveSweep, decision: LiveDecision) -> None:
+        def hear(self, live: LiveSweep, decision: LiveDecision, moment: Moment) -> None:
             heard.append(decision)
 
     tally = run(Given(eight()), echoing(), [Keeping()])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import TYPE_CHECKING, Any
 
 from jaxradar.cli._options import add_command
@@ -44,10 +45,12 @@ def add_to(commands: Any) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from jaxradar.live.app import detect_live
+    from jaxradar.live.app import detect_live, print_unit
     from jaxradar.live.artefact import is_artefact
     from jaxradar.live.detect import LiveDetector
 
+    if args.print_unit:
+        return print_unit([sys.executable, "-m", "jaxradar", "live"], sys.argv[2:])
     if is_artefact(args.detector) or args.detector.endswith(".pyz"):
         header, step = _compiled(args.detector)
         return detect_live(args, source_of(args, _SOURCES, header), lambda _: LiveDetector(header, step))

@@ -13,14 +13,13 @@ import numpy as np
 
 from jaxradar._errors import ConfigError, JaxradarError, SourceError
 from jaxradar.drive import FULL_SCALE, MAKERS_FLAGS, SweepFlag, kept_bins
-from jaxradar.live.acconeer_link import ExplorationLink
+from jaxradar.live.acconeer_link import INSTALL, ExplorationLink, client_package
 from jaxradar.live.acconeer_range import ActualRange, actual_range, range_problems, sensor_problems
 from jaxradar.live.sweeps import LiveSweep, Source
 
 __all__ = ["AcconeerSource"]
 
 _PORT = 6110
-_INSTALL = "pip install 'acconeer-exptool>=7.18,<8'"
 _LONGEST_STOP_S = 1.0
 
 
@@ -83,6 +82,7 @@ class AcconeerSource(Source):
                 raise ConfigError(f"`{name}` is {value!r}; expected {wanted}.")
         self._sensors = numbers
         self._asked = (start_m, length_m)
+        self._rate_hz = float(rate_hz)
         self._settings = {
             "sensor": list(numbers),
             "range_interval": [start_m, start_m + length_m],
@@ -114,6 +114,11 @@ class AcconeerSource(Source):
         return self._range_m
 
     @property
+    def period_s(self) -> float:
+        """As asked for."""
+        return 1.0 / self._rate_hz
+
+    @property
     def sensors(self) -> tuple[int, ...]:
         """Their numbers on the connector board."""
         return self._sensors
@@ -136,7 +141,7 @@ class AcconeerSource(Source):
         """
         if self._client is not None:
             raise ValueError("`AcconeerSource` is open already.")
-        a111 = _client_package()
+        a111 = client_package()
         config = self._config(a111)
         self._closing, self._streaming, self._first_ns, self._missed = False, False, None, 0
         self._client = self._new_client(a111)
@@ -213,7 +218,8 @@ class AcconeerSource(Source):
                 if info.get(key):
                     flags |= flag
             self._missed += SweepFlag.MISSED_DATA in flags
-            message.append(LiveSweep(sensor, now_ns - self._first_ns, sweep, int(flags)))
+            last = sensor == self._sensors[-1]
+            message.append(LiveSweep(sensor, now_ns - self._first_ns, sweep, int(flags), last=last))
         return message
 
     def _config(self, a111: Any) -> Any:
@@ -238,7 +244,7 @@ class AcconeerSource(Source):
             return a111.Client(mock=True)
         client = a111.Client(host=self._link.place)
         if not hasattr(client.subclient, "_link"):
-            raise ConfigError(f"this version of acconeer-exptool is not one that is known; {_INSTALL}.")
+            raise ConfigError(f"this version of acconeer-exptool is not one that is known; {INSTALL}.")
         client.subclient._link = self._link
         return client
 
@@ -288,13 +294,3 @@ class AcconeerSource(Source):
         self._client = None
         if self._link is not None:
             self._link.disconnect()
-
-
-def _client_package() -> Any:
-    try:
-        from acconeer.exptool import a111
-    except ImportError as error:
-        raise ConfigError(
-            f"live sweeps of an A111 need Acconeer's own client, which cannot be imported ({error!s:.80}); {_INSTALL}."
-        ) from error
-    return a111

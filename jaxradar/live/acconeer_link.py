@@ -12,10 +12,11 @@ import socket
 import time
 from typing import Any
 
-from jaxradar._errors import SourceError
+from jaxradar._errors import ConfigError, SourceError
 
-__all__ = ["ExplorationLink"]
+__all__ = ["INSTALL", "ExplorationLink", "client_package"]
 
+INSTALL = "pip install 'acconeer-exptool>=7.18,<8'"
 _CHUNK = 1 << 16
 _MOST_LINE = 1 << 20
 _MOST_PAYLOAD = 1 << 24
@@ -125,3 +126,14 @@ def _reason(error: Exception) -> str:
     if isinstance(error, TimeoutError):
         return "no answer"
     return str(getattr(error, "strerror", None) or error).lower()
+
+
+def client_package() -> Any:
+    """The maker's. Raises `ConfigError` where it cannot be imported."""
+    try:
+        from acconeer.exptool import a111
+    except ImportError as error:
+        raise ConfigError(
+            f"live sweeps of an A111 need Acconeer's own client, which cannot be imported ({error!s:.80}); {INSTALL}."
+        ) from error
+    return a111

@@ -41,17 +41,18 @@ class Ended(NamedTuple):
 
 
 class Feed:
-    """Iterates over an open source in a thread, and opens it again when it fails.
+    """Iterates over an open source in a thread.
 
     Of a source that does not wait, sweeps that are not taken in time are dropped, the oldest first, and counted in
     `dropped`. Times go on counting across a source that was opened again. A source whose range axis is another one then
     ends the feed.
 
-    `each`: hears of every sweep as it comes, also of those that are dropped, in the feed's own thread.
+    `each`: hears of every sweep as it comes, also of those that are dropped, in the feed's own thread. `again`: whether
+    a source that fails is opened again, with a growing pause between the attempts; otherwise that ends the feed.
     """
 
-    def __init__(self, source: Source, each: Callable[[LiveSweep], None] | None = None) -> None:
-        self._source, self._each = source, each
+    def __init__(self, source: Source, each: Callable[[LiveSweep], None], *, again: bool = False) -> None:
+        self._source, self._each, self._again = source, each, again
         self._axis = source.range_m
         self._queue: queue.SimpleQueue[Came | Lost | Ended] = queue.SimpleQueue()
         self._closing = threading.Event()
@@ -86,11 +87,12 @@ class Feed:
                         offset_ns = came_ns - first_came_ns - live.time_ns
                     begun, wait_s = True, FIRST_WAIT_S
                     moved = live._replace(time_ns=live.time_ns + offset_ns) if offset_ns else live
-                    if self._each is not None:
-                        self._each(moved)
+                    self._each(moved)
                     self._put(Came(moved, came_ns))
                 return self._end(None)
             except SourceError as error:
+                if not self._again or self._closing.is_set():
+                    return self._end(error)
                 self._queue.put(Lost(str(error)))
             except JaxradarError as error:
                 return self._end(error)
@@ -137,7 +139,7 @@ class Direct:
 
     dropped = reopened = 0
 
-    def __init__(self, source: Source, each: Callable[[LiveSweep], None] | None = None) -> None:
+    def __init__(self, source: Source, each: Callable[[LiveSweep], None]) -> None:
         self._source, self._each = source, each
         self._sweeps: Iterator[LiveSweep] = iter(source)
 
@@ -146,8 +148,7 @@ class Direct:
         live = next(self._sweeps, None)
         if live is None:
             return Ended(None)
-        if self._each is not None:
-            self._each(live)
+        self._each(live)
         return Came(live, time.monotonic_ns())
 
     def close(self) -> None:

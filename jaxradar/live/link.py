@@ -19,11 +19,11 @@ from jaxradar.live.wires import Heard, Wire
 __all__ = ["Link", "LinkCounts"]
 
 BAUD = 115200  # thesis, appendix C.1, line 44
-PORT = "/dev/ttyACM0"
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 5.0  # between attempts to open it, doubled each time
 SILENT_S = 1.0  # a board that has said nothing for so long is said to be silent, one that takes nothing is lost
 _MOST_BEHIND = 4  # messages that wait in the line
 _MOST_READ = 4096
+_LAST_S = 0.2  # for the last message to go out
 _BABBLE = 4  # times what a board sends in a period; the rest of one period is not looked at
 
 
@@ -191,9 +191,12 @@ def _waiting(line: Any) -> int:
 
 
 def _close(line: Any) -> None:
-    # Or closing waits until a board that takes nothing has taken all.
     with contextlib.suppress(OSError):
-        _flush(line, termios.TCIOFLUSH)
+        until_s = time.monotonic() + _LAST_S
+        while _waiting(line) and time.monotonic() < until_s:
+            time.sleep(0.01)
+        if _waiting(line):  # or closing waits until a board that takes nothing has taken all
+            _flush(line, termios.TCOFLUSH)
     line.close()
 
 
@@ -211,7 +214,7 @@ def _reason(error: Exception) -> str:
 
 def _serial() -> Any:
     try:
-        import serial
+        import serial  # type: ignore[import-untyped]
     except ImportError:
         raise ConfigError("a link to a board needs pyserial; install it with `pip install pyserial`.") from None
     return serial

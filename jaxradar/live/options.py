@@ -15,6 +15,11 @@ RATE_HZ, START_M, LENGTH_M, BINS, SENSORS = 100.0, 0.1, 0.7, 128, (1, 3)
 HOST = "localhost"  # the exploration server's, on the device itself
 RUNTIME = "iree-base-runtime>=3.13,<3.14"  # what pip calls the runtime of compiled detectors
 
+# What the board and its line can be told to be; the modules that know them are imported where they are used.
+WIRES = ("nucleo", "framed")
+RULES = ("detector", "distance", "distance-as-it-was")
+PORT = "/dev/ttyACM0"
+_GO_WITH = {"link": ("port", "rule", "hold", "count"), "record": ("rotate_mb", "rotate_min")}
 _OF_REPLAY = {"--pace": "pace", "--fast": "fast"}
 _OF_SERVER = {
     "--from": "start_m",
@@ -47,6 +52,23 @@ def add_live_options(parser: argparse.ArgumentParser, sources: Mapping[str, str]
     )
     parser.add_argument("--sweeps", type=whole(1), metavar="N", help="end after so many sweeps, of all sensors")
     parser.add_argument("--json", action="store_true", help="detections, and at the end a summary, as JSON lines")
+    parser.add_argument("--quiet", action="store_true", help="no display; where no terminal is, there is none anyway")
+    parser.add_argument("--print-unit", action="store_true", help="print a systemd unit for this command, and end")
+    board = parser.add_argument_group("of a board that is told of steps")
+    board.add_argument("--link", choices=WIRES, help="how it is talked to: the lab's single bytes, or frames")
+    board.add_argument("--port", metavar="DEVICE", help=f"its serial line (default: {PORT})")
+    board.add_argument(
+        "--rule", choices=RULES, help="what it is told: detections (the default), or the lab's nearness to 0.15 m"
+    )
+    board.add_argument("--hold", type=number(0.0, above=True), metavar="S", help="for so long (default: to the impact)")
+    board.add_argument(
+        "--count", type=number(0.0, above=True), metavar="M/S2", help="a count of its acceleration, nucleo (default: 1)"
+    )
+    disk = parser.add_argument_group("of what is kept")
+    disk.add_argument("--record", metavar="DIR", help="all sweeps, as drives in this folder")
+    disk.add_argument("--rotate-mb", type=number(0.0, above=True), metavar="MB", help="the next after so much (1074)")
+    disk.add_argument("--rotate-min", type=number(0.0, above=True), metavar="MIN", help="and so many minutes (60)")
+    disk.add_argument("--events", metavar="FILE", help="detections and faults, appended as JSON lines")
     replay = parser.add_argument_group("of what was recorded or simulated")
     pace = replay.add_mutually_exclusive_group()
     pace.add_argument("--pace", type=number(0.0, above=True), metavar="X", help="X times as fast (default: 1)")
@@ -64,6 +86,14 @@ def add_live_options(parser: argparse.ArgumentParser, sources: Mapping[str, str]
 
 def check_options(args: argparse.Namespace) -> None:
     """Raises `ConfigError` for an option that the source which the others name has not, instead of passing it over."""
+    for option, names in _GO_WITH.items():
+        for name in names:
+            if getattr(args, name) is not None and getattr(args, option) is None:
+                raise ConfigError(f"--{name.replace('_', '-')} goes with --{option}, which is not there.")
+    if args.count is not None and args.link != "nucleo":
+        raise ConfigError("--count goes with --link nucleo; frames have a unit of their own.")
+    if args.hold is not None and args.rule not in (None, "detector"):
+        raise ConfigError(f"--hold is of detections; --rule {args.rule} says at each sweep anew what it is.")
     server = args.source == "acconeer"
     for option, name in (_OF_REPLAY if server else _OF_SERVER).items():
         if getattr(args, name) not in (None, False):

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jaxradar.live.artefact import Header
 from jaxradar.live.detect import LiveDecision
-from jaxradar.live.run import Listener, Tally
+from jaxradar.live.run import Listener, Moment
 from jaxradar.live.sweeps import LiveSweep, Source
+from jaxradar.live.tally import Tally
+from jaxradar.live.writer import Writer, closing
 from jaxradar.units import NANOSECONDS
 
 __all__ = ["InJson", "InWords", "event_record"]
@@ -31,22 +33,37 @@ def event_record(decision: LiveDecision, threshold: float) -> dict[str, Any]:
 
 
 class InWords(Listener):
-    """A line for each detection; problems and the summary on standard error."""
+    """A line for each detection; problems and the summary on standard error. `before`: is printed before each line, to
+    clear what a display shows there."""
+
+    def __init__(self, before: str = "") -> None:
+        self._before = before
 
     def begin(self, source: Source, header: Header, problems: Sequence[str]) -> None:
         """Say the problems."""
         self._header = header
+        direct = source.waits and source.period_s is None
+        self._out, self._err = Writer(sys.stdout, direct=direct), Writer(sys.stderr, direct=direct)
         for problem in problems:
-            print(problem, file=sys.stderr)
+            self._err.say(problem)
 
-    def hear(self, live: LiveSweep, decision: LiveDecision) -> None:
+    def hear(self, live: LiveSweep, decision: LiveDecision, moment: Moment) -> None:
         """Say a detection, at once."""
         if decision.event:
-            print(self.line(decision), flush=True)
+            self._out.say(self._before + self.line(decision))
+
+    def lost(self, why: str) -> None:
+        """Say that the source is being opened again."""
+        self.say(f"{why} Trying again.")
+
+    def say(self, sentence: str) -> None:
+        """Something that others have to say, once it has begun."""
+        self._err.say(self._before + sentence)
 
     def end(self, tally: Tally) -> None:
         """Say the summary."""
-        print(_summary(tally), file=sys.stderr)
+        self._err.say(_summary(tally))
+        closing(self._out, self._err)
 
     def line(self, decision: LiveDecision) -> str:
         """A detection."""
@@ -66,7 +83,8 @@ class InJson(InWords):
 
     def end(self, tally: Tally) -> None:
         """Print the summary."""
-        print(json.dumps({"summary": tally.record()}), flush=True)
+        self._out.say(json.dumps({"summary": tally.record()}))
+        closing(self._out, self._err)
 
 
 def _summary(tally: Tally) -> str:
@@ -74,8 +92,33 @@ def _summary(tally: Tally) -> str:
         f"{tally.sweeps} sweeps in {tally.duration_s:.1f} s",
         f"{tally.events} detection{'' if tally.events == 1 else 's'}",
     ]
-    lost = ((tally.missed, "missed"), (tally.misfits, "of a wrong length"))
+    lost = (
+        (tally.missed, "missed"),
+        (tally.misfits, "of a wrong length"),
+        (tally.late, "late"),
+        (tally.dropped, "dropped"),
+    )
     parts += [f"{count} {what}" for count, what in lost if count]
+    if tally.reopened:
+        parts.append(f"the sensor back {tally.reopened} times")
     if tally.sweeps:
-        parts.append(f"{tally.took_us(0.5):.0f} µs a sweep (99 %: {tally.took_us(0.99):.0f})")
-    return ", ".join(parts) + "."
+        parts.append(f"{tally.took.us(0.5):.0f} µs a sweep (99 %: {tally.took.us(0.99):.0f})")
+    more = [words(tally.more[name]) for name, words in _MORE.items() if name in tally.more]
+    return ". ".join([", ".join(parts), *more]) + "."
+
+
+def _board(found: Mapping[str, Any]) -> str:
+    took = found["told_after_us"]
+    lost = f", {found['dropped']} not" if found["dropped"] else ""
+    return (
+        f"Board told {found['told']} times{lost}, {took['median']:.0f} µs after the sweep (99.9 %: {took['p99.9']:.0f})"
+    )
+
+
+def _recorded(found: Mapping[str, Any]) -> str:
+    lost = f", {found['dropped']} not" if found["dropped"] else ""
+    why = f" ({found['problem']})" if found["problem"] else ""
+    return f"{found['sweeps']} sweeps recorded{lost}{why}"
+
+
+_MORE = {"board": _board, "recorded": _recorded}

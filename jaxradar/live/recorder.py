@@ -18,12 +18,13 @@ from jaxradar.drivefile import DriveWriter, SensorLayout
 from jaxradar.live.sweeps import LiveSweep
 from jaxradar.units import NANOSECONDS
 
-__all__ = ["Recorded", "Recorder"]
+__all__ = ["Recorded", "Recorder", "folder_for_drives"]
 
 MOST_WAITING = 4096  # sweeps: of two sensors at 300 Hz 7 s, at 1444 bins 12 MB
 ROTATE_BYTES, ROTATE_S = 1 << 30, 3600.0
 FLUSH_S = 5.0  # so much is lost with the power at most
 RETRY_S = 5.0  # after a disk that took nothing
+_LOOK_S = 1e-3
 _NAMES = 1000  # drives that begin within a second
 
 
@@ -35,6 +36,15 @@ class Recorded(NamedTuple):
     dropped: int
     drives: int
     problem: str
+
+
+def folder_for_drives(folder: Path) -> Path:
+    """The folder, made if there is none. Raises `ConfigError` if it cannot be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot be made a folder for drives ({error.strerror}).") from None
+    return folder
 
 
 class _Sample(NamedTuple):
@@ -53,8 +63,9 @@ class Recorder:
     whole sweep before it is readable. Where the disk takes nothing the drive is closed as far as it came, and a new one
     is tried every `RETRY_S`.
 
-    `folder`: is made if there is none. `sensors`: their numbers; `range_m`: (bins,) slant ranges in metres of them all;
-    `dtype`: of the amplitudes; `spec`: as in `SensorSeries`.
+    `waits`: whether `take` waits all the same, for sweeps that come as fast as they are taken. `folder`: is made if
+    there is none. `sensors`: their numbers; `range_m`: (bins,) slant ranges in metres of them all; `dtype`: of the
+    amplitudes; `spec`: as in `SensorSeries`.
 
     Raises `ConfigError` if the folder cannot be made.
     """
@@ -71,17 +82,14 @@ class Recorder:
         rotate_bytes: int = ROTATE_BYTES,
         rotate_s: float = ROTATE_S,
         most_waiting: int = MOST_WAITING,
+        waits: bool = False,
     ) -> None:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ConfigError(f"{folder}: cannot be made a folder for drives ({error.strerror}).") from None
-        self._folder = folder
+        self._folder = folder_for_drives(folder)
         self._layouts = [SensorLayout(sensor, range_m, dtype, spec or {}) for sensor in sensors]
         self._bins = {layout.sensor: len(layout.range_m) for layout in self._layouts}
         self._dtype = np.dtype(dtype)
         self._motion = ["acceleration_m_s2"] if accelerations else []
-        self._rotate_bytes, self._rotate_s, self._most = rotate_bytes, rotate_s, most_waiting
+        self._rotate_bytes, self._rotate_s, self._most, self._waits = rotate_bytes, rotate_s, most_waiting, waits
         self._queue: queue.SimpleQueue[LiveSweep | _Sample | None] = queue.SimpleQueue()
         self._sweeps = self._dropped = self._lost = self._drives = 0
         self._problem = ""
@@ -98,6 +106,8 @@ class Recorder:
 
     def take(self, live: LiveSweep) -> None:
         """One sweep, whose amplitudes must not be changed later."""
+        while self._waits and self._queue.qsize() >= self._most:
+            time.sleep(_LOOK_S)
         if self._queue.qsize() >= self._most or len(live.sweep) != self._bins.get(live.sensor):
             self._dropped += 1
         else:
@@ -143,8 +153,9 @@ class Recorder:
             for sensor in self._bins:
                 own = [one for one in sweeps if one.sensor == sensor]
                 self._append(writer, sensor, own)
-            if samples := [one for one in items if isinstance(one, _Sample)]:
-                writer.append_motion(*self._motion, [one.time_ns for one in samples], [one.value for one in samples])
+            samples = [one for one in items if isinstance(one, _Sample)]
+            for name in self._motion if samples else ():
+                writer.append_motion(name, [one.time_ns for one in samples], [one.value for one in samples])
         except LogError as error:
             self._failed(error)
 

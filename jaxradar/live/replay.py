@@ -65,6 +65,18 @@ class Replay(Source):
         return self._motion.recorded
 
     @property
+    def period_s(self) -> float | None:
+        """The median as recorded, at the pace of the replay."""
+        steps = np.concatenate([np.diff(series.times_ns) for series in self._series])
+        steps = steps[steps > 0]
+        return None if self._pace is None or not len(steps) else float(np.median(steps)) / NANOSECONDS / self._pace
+
+    @property
+    def waits(self) -> bool:
+        """A recording does."""
+        return True
+
+    @property
     def sensors(self) -> tuple[int, ...]:
         """Their numbers on the connector board."""
         return tuple(series.sensor for series in self._series)
@@ -92,7 +104,8 @@ class Replay(Source):
 
     def _paced(self, bell: _Bell) -> Iterator[LiveSweep]:
         start_ns, origin_ns, latest_ns = time.monotonic_ns(), None, 0
-        for sweep in heapq.merge(*map(self._sweeps_of, self._series), key=lambda sweep: sweep.time_ns):
+        merged = heapq.merge(*map(self._sweeps_of, self._series), key=lambda sweep: sweep.time_ns)
+        for sweep in merged if len(self._series) == 1 else _marked(merged):
             if self._pace is not None:
                 if origin_ns is None:
                     origin_ns = latest_ns = sweep.time_ns
@@ -117,6 +130,17 @@ class Replay(Source):
             yield LiveSweep(
                 series.sensor, int(series.times_ns[row]), series.sweeps[row], int(series.flags[row]), motion
             )
+
+
+def _marked(sweeps: Iterator[LiveSweep]) -> Iterator[LiveSweep]:
+    """Each that is of the same time as the one after it, of another sensor, is not the last of its moment."""
+    held = next(sweeps, None)
+    for sweep in sweeps:
+        assert held is not None
+        yield held._replace(last=held.time_ns != sweep.time_ns or held.sensor == sweep.sensor)
+        held = sweep
+    if held is not None:
+        yield held
 
 
 class _Bell:

@@ -1,125 +1,163 @@
 """Sweeps in, detections out: the loop of live detection, who listens to it, and what it came to.
 
-The loop belongs to `run`, in the thread of who calls it: it takes each sweep from the source, has it decided on, and
-tells the listeners, one after the other. It ends when the source does. Whoever else wants it to end, a signal or
-another thread, closes the source.
+The loop belongs to `run`, in the thread of who calls it: it takes each sweep as it comes, has it decided on, and tells
+the listeners, one after the other. It goes round every period, sweep or none, and never waits for anything else. It
+ends when the source does. Whoever else wants it to end, a signal or another thread, closes the source.
 """
 
 from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
-
-import numpy as np
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 from jaxradar.drive import SweepFlag
 from jaxradar.live.artefact import Header
+from jaxradar.live.board import Fault
 from jaxradar.live.detect import LiveDecision, LiveDetector
+from jaxradar.live.feed import Came, Direct, Ended, Feed, Lost
 from jaxradar.live.sweeps import LiveSweep, Source
+from jaxradar.live.tally import Tally
 from jaxradar.units import NANOSECONDS
 
-__all__ = ["Listener", "Tally", "run"]
+__all__ = ["PERIOD_S", "Listener", "Moment", "run"]
 
-KEPT = 1 << 16  # durations: a sweep's place in there is its number modulo this
+PERIOD_S = 0.1  # of a source that does not say its own
+_PATIENCE = 1.5  # periods without a sweep, until it is said that none comes
 
 
-@dataclass
-class Tally:
-    """What a run came to so far: sweeps, those without data, detections, and what the detector took of each sweep.
+class Moment(NamedTuple):
+    """`came_ns`: when a sweep came, or that none came was noticed, of `time.monotonic_ns`; `time_ns`: the same on the
+    clock of the sweeps; `faults`: what is wrong by then."""
 
-    `missed`: sweeps that the source lost, `misfits`: those of a wrong length; both known at the end.
-    """
-
-    sweeps: int = 0
-    invalid: int = 0
-    events: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
-    missed: int = 0
-    misfits: int = 0
-    _took_ns: np.ndarray = field(default_factory=lambda: np.zeros(KEPT, np.int64))
-
-    def add(self, live: LiveSweep, decision: LiveDecision, took_ns: int) -> None:
-        """Count one sweep."""
-        if not self.sweeps:
-            self.first_ns = live.time_ns
-        self.last_ns = live.time_ns
-        self._took_ns[self.sweeps % KEPT] = took_ns
-        self.sweeps += 1
-        self.invalid += bool(live.flags & SweepFlag.INVALID)
-        self.events += decision.event
-
-    @property
-    def duration_s(self) -> float:
-        """Seconds from the first sweep to the last, on the clock of the source."""
-        return (self.last_ns - self.first_ns) / NANOSECONDS
-
-    def took_us(self, share: float) -> float:
-        """The quantile `share` of what the detector took of the last sweeps, in microseconds; 0 before the first."""
-        took = self._took_ns[: self.sweeps]
-        return float(np.quantile(took, share)) / 1e3 if len(took) else 0.0
-
-    def record(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "sweeps": self.sweeps,
-            "invalid": self.invalid,
-            "events": self.events,
-            "duration_s": self.duration_s,
-            "took_us": {"median": self.took_us(0.5), "p99": self.took_us(0.99)},
-            "missed": self.missed,
-            "misfits": self.misfits,
-        }
+    came_ns: int
+    time_ns: int
+    faults: Fault
 
 
 class Listener:
     """Hears of a run, in the thread of its loop: what may take longer than a sweep, a disk or a serial line, goes
-    through a thread of its own. What a method raises ends the run. By itself it does nothing."""
+    through a thread of its own. What a method raises ends the run. By itself it does nothing.
+
+    `fault`: what is wrong with it, told to all.
+    """
+
+    fault = Fault(0)
 
     def begin(self, source: Source, header: Header, problems: Sequence[str]) -> None:
         """Before the first sweep: the source is open and gives what the detector takes. `problems`: what is not as it
         should be all the same, a sentence each."""
 
-    def hear(self, live: LiveSweep, decision: LiveDecision) -> None:
+    def came(self, live: LiveSweep) -> None:
+        """A sweep, as soon as it has come, in the thread that waits for them; also one that is decided on too late."""
+
+    def hear(self, live: LiveSweep, decision: LiveDecision, moment: Moment) -> None:
         """A sweep, and what the detector says of it."""
+
+    def idle(self, moment: Moment) -> None:
+        """No sweep came in time; again after each period without one."""
+
+    def lost(self, why: str) -> None:
+        """The source has failed, and is being opened again."""
 
     def end(self, tally: Tally) -> None:
         """After the last sweep, also where an error ended the run. Called once for each `begin` that returned."""
 
 
 def run(
-    source: Source, detector: LiveDetector, listeners: Sequence[Listener] = (), *, most: int | None = None
+    source: Source,
+    detector: LiveDetector,
+    listeners: Sequence[Listener] = (),
+    *,
+    most: int | None = None,
+    again: bool = False,
+    stop: Callable[[], object] = lambda: False,
 ) -> Tally:
     """Through the sweeps of an open source to its end, or `most` of them; returns what they came to.
 
-    Raises `ConfigError` if the detector does not take the source's sweeps, `SourceError` when the source fails, and
-    what a listener raises; those that have begun hear `end` in any case, the last one first.
+    `again`: open a source that fails again, and go on. `stop`: asked every round whether to end. Raises `ConfigError`
+    if the detector does not take the source's sweeps, `SourceError` when the source fails for good, and what a listener
+    raises; those that have begun hear `end` in any case, the last one first.
     """
     header = detector.header
     header.check_axis(source.range_m)
     header.check_amplitudes(source.dtype)
-    tally, clock = Tally(), time.perf_counter_ns
+    tally = Tally()
     with contextlib.ExitStack() as ends:
         for listener in listeners:
             listener.begin(source, header, (*source.problems, *_blind(source, header)))
             ends.callback(listener.end, tally)
-        ends.callback(_count_losses, tally, source, detector)  # before the listeners hear of the end
-        for live in source:
-            begin = clock()
-            decision = detector.take(live)
-            tally.add(live, decision, clock() - begin)
+
+        def came(live: LiveSweep) -> None:
             for listener in listeners:
-                listener.hear(live, decision)
-            if tally.sweeps == most:
-                break
+                listener.came(live)
+
+        direct = source.waits and source.period_s is None
+        feed = Direct(source, came) if direct else Feed(source, came, again=again)
+        ends.callback(_count_losses, tally, source, detector, feed)  # before the listeners hear of the end
+        ends.callback(feed.close)
+        period_ns = round((source.period_s or PERIOD_S) * NANOSECONDS)
+        _loop(feed, detector, listeners, tally, period_ns, lambda: tally.sweeps == most or stop())
     return tally
 
 
-def _count_losses(tally: Tally, source: Source, detector: LiveDetector) -> None:
+def _loop(
+    feed: Feed | Direct,
+    detector: LiveDetector,
+    listeners: Sequence[Listener],
+    tally: Tally,
+    period_ns: int,
+    over: Callable[[], object],
+) -> None:
+    clock, fine = time.monotonic_ns, time.perf_counter_ns
+    now_ns = clock()
+    offset_ns = -now_ns  # from that clock to the one of the sweeps
+    due_ns = now_ns + round(_PATIENCE * period_ns)
+    lost = Fault(0)
+    while not over():
+        got = feed.take(max(due_ns - clock(), 0) / NANOSECONDS)
+        faults = Fault(0)
+        for listener in listeners:
+            faults |= listener.fault
+        if isinstance(got, Came):
+            live, came_ns = got
+            misfits, begin = detector.misfits, fine()
+            decision = detector.take(live)
+            tally.add(live, decision, fine() - begin)
+            lost = Fault(0)
+            if live.flags & SweepFlag.INVALID:
+                faults |= Fault.NO_DATA
+            if detector.misfits > misfits:
+                faults |= Fault.WRONG_LENGTH
+            if isinstance(feed, Feed) and clock() - came_ns > period_ns:
+                faults |= Fault.LATE
+                tally.late += 1
+            offset_ns = live.time_ns - came_ns
+            due_ns = came_ns + round(_PATIENCE * period_ns)
+            moment = Moment(came_ns, live.time_ns, faults)
+            for listener in listeners:
+                listener.hear(live, decision, moment)
+        elif isinstance(got, Ended):
+            if got.error is not None:
+                raise got.error
+            return
+        else:
+            if isinstance(got, Lost):
+                lost = Fault.SENSOR_LOST
+                for listener in listeners:
+                    listener.lost(got.why)
+            now_ns = clock()
+            tally.silent += 1
+            due_ns = now_ns + period_ns
+            moment = Moment(now_ns, now_ns + offset_ns, faults | lost | Fault.SENSOR_SILENT)
+            for listener in listeners:
+                listener.idle(moment)
+
+
+def _count_losses(tally: Tally, source: Source, detector: LiveDetector, feed: Feed | Direct) -> None:
     tally.missed, tally.misfits = source.missed, detector.misfits
+    tally.dropped, tally.reopened = feed.dropped, feed.reopened
 
 
 def _blind(source: Source, header: Header) -> list[str]:

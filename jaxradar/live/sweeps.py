@@ -64,7 +64,8 @@ class Source(Protocol):
 
     @property
     def period_s(self) -> float | None:
-        """From one sweep of a sensor to the next, as it was asked for or recorded; None where that is not known."""
+        """From one sweep of a sensor to the next, as it was asked for or recorded; None where that is not known, or
+        where they come as fast as they are taken."""
         return None
 
     @property

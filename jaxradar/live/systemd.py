@@ -7,7 +7,7 @@ import os
 import shlex
 import socket
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 __all__ = ["Notifier", "unit"]
@@ -26,6 +26,7 @@ Restart=always
 RestartSec=1
 WatchdogSec=5
 TimeoutStopSec=15
+SuccessExitStatus=130 143
 Nice=-10
 
 [Install]
@@ -49,11 +50,11 @@ class Notifier:
         """Sweeps are coming."""
         self._send(f"READY=1\nSTATUS={status}")
 
-    def alive(self, status: str) -> None:
+    def alive(self, status: Callable[[], str]) -> None:
         """To be called every period: the loop goes round. Sent no more often than the watchdog waits for it."""
         if self._every_s is not None and time.monotonic() >= self._next_s:
             self._next_s = time.monotonic() + self._every_s
-            self._send(f"WATCHDOG=1\nSTATUS={status}")
+            self._send(f"WATCHDOG=1\nSTATUS={status()}")
 
     def stopping(self) -> None:
         """The program ends."""

@@ -34,7 +34,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 from jaxradar.live.board import Told
 
-__all__ = ["WIRES", "Framed", "Heard", "Nucleo", "Wire"]
+__all__ = ["Framed", "Heard", "Nucleo", "Wire"]
 
 SYNC = b"\xa5\x5a"
 _TELL = struct.Struct("<BBHHBBHhH")
@@ -159,6 +159,3 @@ class Framed:
         if (kind, size) != (2, _REPLY_BYTES) or _CRC.unpack(frame[-2:])[0] != binascii.crc_hqx(frame[2:-2], 0xFFFF):
             return None
         return math.nan if counts == _UNKNOWN_I16 else counts * _ACCELERATION_M_S2
-
-
-WIRES = ("nucleo", "framed")

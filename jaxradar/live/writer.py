@@ -1,0 +1,77 @@
+"""Text to a terminal, a pipe or a file, without waiting for who reads it."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+from typing import Any
+
+__all__ = ["Writer"]
+
+MOST_WAITING = 1000  # lines
+
+
+class Writer:
+    """Writes lines in a thread of its own; where the reader stalls they are dropped and counted, not waited for.
+
+    `stream`: of text. `direct`: write at once and wait, for who is in no hurry. What the stream raised is raised by the
+    next `say`.
+    """
+
+    def __init__(self, stream: Any, *, direct: bool = False) -> None:
+        self._stream = stream
+        self._queue: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._error: OSError | None = None
+        self.dropped = 0
+        self._thread: threading.Thread | None = None
+        if not direct:
+            self._thread = threading.Thread(target=self._work, name="writer", daemon=True)
+            self._thread.start()
+
+    @property
+    def waiting(self) -> int:
+        """Lines that have not gone out."""
+        return self._queue.qsize()
+
+    def say(self, text: str, end: str = "\n") -> None:
+        """One line. Raises the `OSError` that an earlier one, or this, was answered with."""
+        if self._error is not None:
+            raise self._error
+        if self._thread is None:
+            print(text, file=self._stream, end=end, flush=True)
+        elif self._queue.qsize() >= MOST_WAITING:
+            self.dropped += 1
+        else:
+            self._queue.put(text + end)
+
+    def close(self, wait_s: float = 2.0) -> None:
+        """Let what waits go out; a reader that does not take it in `wait_s` is not waited for. Raises as `say`."""
+        if self._thread is not None:
+            self._queue.put(None)
+            self._thread.join(wait_s)
+            self._thread = None
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
+
+    def _work(self) -> None:
+        try:
+            while (text := self._queue.get()) is not None:
+                self._stream.write(text)
+                if not self._queue.qsize():
+                    self._stream.flush()
+            self._stream.flush()
+        except OSError as error:
+            self._error = error
+        except ValueError:  # closed meanwhile
+            with contextlib.suppress(Exception):
+                self._error = BrokenPipeError()
+
+
+def closing(*writers: Writer) -> Any:
+    """Close them all, whatever one of them raises."""
+    stack = contextlib.ExitStack()
+    for writer in writers:
+        stack.callback(writer.close)
+    return stack.close()
