@@ -12,6 +12,7 @@ import jaxradar
 # Packages whose functions are not looked up one by one.
 ELSEWHERE: dict[str, str] = {
     "_errors": "exceptions",
+    "_program": "how a program ends, and what its arguments are",
     "_settings": "reads and checks settings",
     "_toml": "reads and writes text",
     "_types": "types",
@@ -32,6 +33,7 @@ ELSEWHERE: dict[str, str] = {
     "live": "hands on what sensors say: test_live_*.py",
     "logs": "reads and writes files",
     "matching": "runs on the host in float64: test_matching.py",
+    "motion": "holds recordings, and looks values up on the host: test_step_motion.py",
     "pareto": "measures programs on the host: test_pareto.py",
     "plots": "draws",
     "report": "writes a page",
@@ -79,6 +81,7 @@ NOT_NUMERIC: dict[str, str] = {
     "signal.correlate.ProfileShift": CARRIER,
     "signal.pulse_fit.NARROWEST": "a constant",
     "signal.pulses.SIGMA_PER_FWHM": "a constant",
+    "units.NANOSECONDS": "a constant",
     "units.SPEED_OF_LIGHT_M_S": "a constant",
     "units.WAVELENGTH_60_GHZ_M": "a constant",
     "_numerics.as_scalar": "changes a type, never a value",

@@ -81,7 +81,8 @@ def test_a_signal_while_the_source_is_opened_ends_it(capsys: pytest.CaptureFixtu
 
 
 def test_a_source_that_fails_leaves_the_summary(capsys: pytest.CaptureFixture[str]) -> None:
+    before = signal.getsignal(signal.SIGINT)
     with pytest.raises(SourceError):
         detect_live(arguments("--json"), Failing(wandering(), None), detector)
     assert json.loads(capsys.readouterr().out)["summary"]["sweeps"] == 5
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) is before
