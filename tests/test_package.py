@@ -78,7 +78,8 @@ class NumPyAlone:
 
 sys.meta_path.insert(0, NumPyAlone)
 from pathlib import Path
-from jaxradar.labcsv import read_lab_csv, use_one_thread, write_lab_csv
+from jaxradar.labcsv import read_lab_csv, use_one_thread
+from jaxradar.labcsv.writer import write_lab_csv
 
 use_one_thread()
 log = Path({str(tmp_path / "log")!r})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import io
 import marshal
 import stat
@@ -22,6 +23,8 @@ MODULES = (
     *("__init__.py", "_errors.py", "_program.py", "_toml.py", "drive.py", "motion.py", "units.py"),
     *("drivefile", "labcsv", "live"),
 )
+_NOT_NEEDED = "labcsv/writer.py"  # the device writes drives
+_INIT = b'"""The part of jaxradar that runs on a device."""\n'
 _FIRST_LINE = b"#!/usr/bin/env python3\n"
 # What is missing is said in a sentence, which any Python 3 can read. Ctrl-C outside of the detection, which takes it in
 # its own way, ends the process without a traceback. Python compares no checksum of what it imports from an archive: a
@@ -96,17 +99,35 @@ def _modules() -> dict[str, bytes]:
     made: dict[str, bytes] = {}
     for file in files:
         # Tracebacks show no folder of this machine.
-        name = f"jaxradar/{file.relative_to(root).as_posix()}"
-        source = file.read_bytes()
+        below = file.relative_to(root).as_posix()
+        if below == _NOT_NEEDED:
+            continue
+        name = f"jaxradar/{below}"
+        source = _INIT if below == "__init__.py" else file.read_bytes()
         made |= {name: source, f"{name}c": _compiled(source, name)}
     return made
 
 
+class _Bare(ast.NodeTransformer):
+    """Functions without annotations; those of fields, which dataclasses and named tuples go by, stay."""
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.FunctionDef:
+        self.generic_visit(node)
+        node.returns = None
+        given = node.args
+        for one in (*given.posonlyargs, *given.args, *given.kwonlyargs, given.vararg, given.kwarg):
+            if one is not None:
+                one.annotation = None
+        return node
+
+
 def _compiled(source: bytes, name: str) -> bytes:
-    """As `py_compile` makes it, checked against no source (PEP 552), as source and code do not part in an archive.
+    """As `py_compile -OO` makes it, without what only a reader or a type checker wants, and checked against no source
+    (PEP 552), as source and code do not part in an archive.
 
     In marshal's second version: later ones mark what is referred to more than once, by counts that are chance.
     """
-    code = marshal.dumps(compile(source, name, "exec", dont_inherit=True, optimize=0), 2)
+    bare = _Bare().visit(ast.parse(source, name))
+    code = marshal.dumps(compile(bare, name, "exec", dont_inherit=True, optimize=2), 2)
     unchecked = (1).to_bytes(4, "little")
     return MAGIC_NUMBER + unchecked + source_hash(source) + code

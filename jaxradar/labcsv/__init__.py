@@ -8,7 +8,6 @@ from jaxradar.labcsv.clock import odd_times
 from jaxradar.labcsv.parse import use_one_thread
 from jaxradar.labcsv.reader import MOTION_FILES, looks_like_radar, read_lab_csv, sensor_files
 from jaxradar.labcsv.truth import read_truth, truth_path, truth_text
-from jaxradar.labcsv.writer import write_lab_csv
 
 __all__ = [
     "MOTION_FILES",
@@ -20,5 +19,4 @@ __all__ = [
     "truth_path",
     "truth_text",
     "use_one_thread",
-    "write_lab_csv",
 ]

@@ -11,7 +11,8 @@ from pathlib import Path
 from jaxradar._errors import LogError
 from jaxradar.drive import Drive
 from jaxradar.drivefile import is_drive_folder, read_drive, write_drive
-from jaxradar.labcsv import MOTION_FILES, looks_like_radar, read_lab_csv, sensor_files, truth_path, write_lab_csv
+from jaxradar.labcsv import MOTION_FILES, looks_like_radar, read_lab_csv, sensor_files, truth_path
+from jaxradar.labcsv.writer import write_lab_csv
 from jaxradar.logs.acconeer_h5 import read_acconeer_h5
 from jaxradar.store import is_archive, is_store, open_store, read_archived
 
