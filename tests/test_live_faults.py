@@ -1,0 +1,254 @@
+"""Every fault is safe at once, and a step is told again when it is over; the board is a process of its own."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from board import Board
+
+from jaxradar._errors import ConfigError, SourceError
+from jaxradar.drive import SweepFlag
+from jaxradar.live.artefact import DECISION, Header
+from jaxradar.live.board import Fault
+from jaxradar.live.detect import LiveDecision, LiveDetector
+from jaxradar.live.run import Listener, Moment, run
+from jaxradar.live.sweeps import LiveSweep, Source
+from jaxradar.live.telling import Telling
+from jaxradar.live.wires import Framed, Nucleo
+
+PERIOD_S = 0.02
+BINS = 4
+HEADER = Header(
+    *("none", "", 0.5, "speed", "m/s", (0.1, 0.2, 0.3, 0.4), "uint16", "float64", (0.0,), (), DECISION),
+    *("host", "jax", (), {}),
+)
+EVENT_AT = 5
+
+
+class Once:
+    """Detects at one sweep."""
+
+    def __init__(self) -> None:
+        self.inputs = np.zeros(BINS + 2)
+        self._count = 0
+
+    def run(self) -> np.ndarray:
+        self._count += 1
+        return np.array([0.3, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0, self._count == EVENT_AT])
+
+    def another(self) -> Once:
+        return Once()
+
+
+Plan = dict[int, Callable[[LiveSweep], LiveSweep]]
+
+
+class Sensor(Source):
+    """Sweeps each period, of which `plan` makes something else, or waits or raises, at some places; `gone`: so many
+    attempts to open it again fail."""
+
+    def __init__(self, count: int, plan: Plan, gone: int = 0) -> None:
+        self._count, self._plan, self._gone = count, plan, gone
+        self._place = self._opened = 0
+        self._closed = threading.Event()
+        self.axis = np.array(HEADER.range_m)
+
+    range_m = property(lambda self: self.axis)
+    sensors = property(lambda self: (1,))
+    missed = property(lambda self: 0)
+    period_s = property(lambda self: PERIOD_S)
+
+    def open(self) -> None:
+        self._opened += 1
+        if 1 < self._opened <= 1 + self._gone:
+            raise SourceError("nobody answers.")
+
+    def close(self) -> None:
+        self._closed.set()
+
+    def __iter__(self) -> Iterator[LiveSweep]:
+        self._closed.clear()
+        begin = time.monotonic_ns()
+        while self._place < self._count:
+            if self._closed.wait(PERIOD_S):
+                return
+            place, self._place = self._place, self._place + 1
+            made = LiveSweep(1, time.monotonic_ns() - begin, np.ones(BINS, np.uint16), 0)
+            yield self._plan.get(place, lambda live: live)(made)
+
+
+class Watching(Listener):
+    """Writes down when each round was, and its faults."""
+
+    def __init__(self) -> None:
+        self.rounds: list[tuple[int, Fault]] = []
+        self.lost_at: list[int] = []
+
+    def hear(self, live: LiveSweep, decision: LiveDecision, moment: Moment) -> None:
+        self.rounds.append((time.monotonic_ns(), moment.faults))
+
+    def idle(self, moment: Moment) -> None:
+        self.rounds.append((time.monotonic_ns(), moment.faults))
+
+    def lost(self, why: str) -> None:
+        self.lost_at.append(time.monotonic_ns())
+
+
+def wait(seconds: float) -> Callable[[LiveSweep], LiveSweep]:
+    def made(live: LiveSweep) -> LiveSweep:
+        time.sleep(seconds)
+        return live._replace(time_ns=live.time_ns + round(1e9 * seconds))
+
+    return made
+
+
+def fail(live: LiveSweep) -> LiveSweep:
+    raise SourceError("lost the connection.")
+
+
+def flag(one: SweepFlag) -> Callable[[LiveSweep], LiveSweep]:
+    return lambda live: live._replace(flags=int(one))
+
+
+def shorter(live: LiveSweep) -> LiveSweep:
+    return live._replace(sweep=live.sweep[:-1])
+
+
+FAULTS: dict[str, tuple[Callable[[LiveSweep], LiveSweep], Fault]] = {
+    "silent": (wait(0.5), Fault.SENSOR_SILENT),
+    "lost and back": (fail, Fault.SENSOR_LOST),
+    "missed data": (flag(SweepFlag.MISSED_DATA), Fault.NO_DATA),
+    "communication error": (flag(SweepFlag.COMMUNICATION_ERROR), Fault.NO_DATA),
+    "wrong length": (shorter, Fault.WRONG_LENGTH),
+}
+
+
+def told(
+    tmp_path: Path, sensor: Sensor, listeners: Sequence[Listener] = (), *, kind: str = "nucleo"
+) -> list[tuple[int, bytes]]:
+    """When the board heard what."""
+    with Board(tmp_path / "board", kind, tmp_path / "bytes") as board:
+        telling = Telling(str(tmp_path / "board"), Nucleo() if kind == "nucleo" else Framed(), hold_s=1000.0)
+        with sensor:
+            run(sensor, LiveDetector(HEADER, Once()), [telling, *listeners], again=True)
+        time.sleep(0.1)
+        return board.heard()
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_safe_at_once_and_over_when_it_is_over(name: str, tmp_path: Path) -> None:
+    plan, fault = FAULTS[name]
+    sensor, watching = Sensor(40, {20: plan}, gone=1 if name == "lost and back" else 0), Watching()
+    heard = told(tmp_path, sensor, [watching])
+    sent = b"".join(content for _, content in heard)
+    assert fault in {one for _, faults in watching.rounds for one in faults}
+    assert len(sent) == len(watching.rounds) + 1
+    # A byte each round: 1 from the detection on, but where there is a fault; and 0 at the end.
+    detected = next(place for place, byte in enumerate(sent) if byte)
+    assert [byte == 1 for byte in sent[detected:-1]] == [not faults for _, faults in watching.rounds[detected:]]
+    assert sent[-1] == 0
+    assert sent[-2] == 1
+
+
+def test_silence_is_safe_within_a_period_of_the_sweep_that_does_not_come(tmp_path: Path) -> None:
+    """As the loop has it; how long a busy machine keeps the loop from its core is not the loop's."""
+    sensor, watching = Sensor(40, {20: wait(0.5)}), Watching()
+    told(tmp_path, sensor, [watching])
+    places = [place for place, (_, faults) in enumerate(watching.rounds) if Fault.SENSOR_SILENT in faults]
+    assert len(places) >= 0.5 * 0.5 / PERIOD_S  # and again each period
+    first = places[0]
+    after_s = (watching.rounds[first][0] - watching.rounds[first - 1][0]) / 1e9
+    assert after_s >= 1.4 * PERIOD_S
+    assert after_s <= 2.0 * PERIOD_S + 0.2
+
+
+def test_frames_name_the_fault(tmp_path: Path) -> None:
+    sensor = Sensor(30, {15: flag(SweepFlag.NO_AMPLITUDES), 20: shorter})
+    sent = b"".join(content for _, content in told(tmp_path, sensor, kind="framed"))
+    frames = [sent[at : at + 18] for at in range(0, len(sent), 18)]
+    named = [Fault(int.from_bytes(frame[14:16], "little")) for frame in frames]
+    assert Fault.NO_DATA in {one for faults in named for one in faults}
+    assert Fault.WRONG_LENGTH in {one for faults in named for one in faults}
+    assert named[-1] == Fault.STOPPING
+    assert all(not frame[8] for frame, faults in zip(frames, named, strict=True) if faults)
+    assert {frame[8] for frame in frames} == {0, 1}
+
+
+def test_a_source_that_fails_ends_the_run_where_that_is_wanted() -> None:
+    sensor = Sensor(40, {20: fail})
+    with sensor, pytest.raises(SourceError, match="lost the connection"):
+        run(sensor, LiveDetector(HEADER, Once()), [])
+
+
+def test_another_axis_after_it_came_back_ends_the_run() -> None:
+    sensor = Sensor(40, {})
+
+    def other(live: LiveSweep) -> LiveSweep:
+        sensor.axis = np.array(HEADER.range_m) + 0.1
+        raise SourceError("restarted.")
+
+    sensor._plan[10] = other
+    with sensor, pytest.raises(ConfigError, match="came back with another range axis"):
+        run(sensor, LiveDetector(HEADER, Once()), [], again=True)
+
+
+def test_times_go_on_across_a_restart() -> None:
+    sensor, times = Sensor(30, {15: fail}, gone=1), []
+
+    class Timing(Listener):
+        def hear(self, live: LiveSweep, decision: LiveDecision, moment: Moment) -> None:
+            times.append(live.time_ns)
+
+    with sensor:
+        tally = run(sensor, LiveDetector(HEADER, Once()), [Timing()], again=True)
+    steps = np.diff(times) / 1e9
+    assert (steps > 0).all()
+    assert steps[14] > 0.4  # the pause before it is opened again
+    assert (tally.reopened, tally.sweeps) == (1, 29)
+
+
+def test_a_loop_that_is_held_up_drops_the_oldest_and_says_late() -> None:
+    held = []
+
+    class Slow(Listener):
+        def hear(self, live: LiveSweep, decision: LiveDecision, moment: Moment) -> None:
+            held.append(moment.faults)
+            if len(held) == 5:
+                time.sleep(90 * 0.002)
+
+    class Quick(Sensor):
+        period_s = property(lambda self: 0.002)
+
+        def __iter__(self) -> Iterator[LiveSweep]:
+            for place in range(200):
+                time.sleep(0.002)
+                yield LiveSweep(1, 2_000_000 * place, np.ones(BINS, np.uint16), 0)
+
+    came: list[int] = []
+
+    class Recording(Listener):
+        def came(self, live: LiveSweep) -> None:
+            came.append(live.time_ns)
+
+    sensor = Quick(0, {})
+    with sensor:
+        tally = run(sensor, LiveDetector(HEADER, Once()), [Slow(), Recording()])
+    assert came == [2_000_000 * place for place in range(200)]  # who records hears of all
+    assert tally.sweeps + tally.dropped == 200
+    assert tally.late == sum(Fault.LATE in faults for faults in held) > 0
+
+
+def test_the_board_knows_when_the_recorder_fails_and_is_told_of_steps_all_the_same(tmp_path: Path) -> None:
+    class Failing(Listener):
+        fault = Fault.RECORDER
+
+    sensor = Sensor(20, {})
+    sent = b"".join(content for _, content in told(tmp_path, sensor, [Failing()], kind="framed"))
+    frames = [sent[at : at + 18] for at in range(0, len(sent), 18)]
+    assert {int.from_bytes(frame[14:16], "little") & Fault.RECORDER for frame in frames[:-1]} == {Fault.RECORDER}
+    assert sum(frame[8] for frame in frames) >= 10
