@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -18,18 +19,17 @@ from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar._program import Parser, ended
 from jaxradar.live.artefact import Header, read_artefact
 from jaxradar.live.detect import LiveDetector
-from jaxradar.live.display import CLEAR, Display
 from jaxradar.live.options import PORT, RULES, add_live_options
-from jaxradar.live.printed import InJson, InWords
+from jaxradar.live.printed import CLEAR, InJson, InWords
 from jaxradar.live.program import Program
-from jaxradar.live.recording import Recording
 from jaxradar.live.run import Listener, run
-from jaxradar.live.serving import EventLog, Serving
 from jaxradar.live.sources import DEVICE_SOURCES, source_of
 from jaxradar.live.sweeps import Source
-from jaxradar.live.systemd import unit
 
+# What only some runs want is imported by those: a device's processor takes its time for each module.
 if TYPE_CHECKING:
+    from jaxradar.live.recording import Recording
+    from jaxradar.live.serving import EventLog
     from jaxradar.live.telling import Telling
 
 __all__ = ["detect_live", "listeners_of", "load", "main", "print_unit"]
@@ -83,8 +83,7 @@ def listeners_of(args: argparse.Namespace) -> list[Listener]:
     all that take time, and what is printed at the end comes when the others have told what they came to."""
     shows = not (args.quiet or args.json) and sys.stderr.isatty()
     printed = InJson() if args.json else InWords(CLEAR if shows else "")
-    log = EventLog(Path(args.events)) if args.events is not None else None
-    more: list[Callable[[], str]] = []
+    log = _event_log(args.events) if args.events is not None else None
 
     def say(sentence: str) -> None:
         printed.say(sentence)
@@ -93,15 +92,27 @@ def listeners_of(args: argparse.Namespace) -> list[Listener]:
 
     recording = _recording(args, say) if args.record is not None else None
     telling = _telling(args, recording, say) if args.link is not None else None
-    if telling is not None:
-        more.append(lambda: f"board {telling.state}")
-    if recording is not None:
-        more.append(recording.state)
-    display = Display(more) if shows else None
-    return [one for one in (printed, log, telling, recording, Serving(), display) if one is not None]
+    listeners: list[Listener | None] = [printed, log, telling, recording]
+    if "NOTIFY_SOCKET" in os.environ:
+        from jaxradar.live.serving import Serving
+
+        listeners.append(Serving())
+    if shows:
+        from jaxradar.live.display import Display
+
+        listeners.append(Display([one.state for one in (telling, recording) if one is not None]))
+    return [one for one in listeners if one is not None]
+
+
+def _event_log(path: str) -> EventLog:
+    from jaxradar.live.serving import EventLog
+
+    return EventLog(Path(path))
 
 
 def _recording(args: argparse.Namespace, say: Callable[[str], None]) -> Recording:
+    from jaxradar.live.recording import Recording
+
     return Recording(
         Path(args.record),
         accelerations=args.link is not None,
@@ -154,6 +165,8 @@ def _be_quick() -> None:
 
 def print_unit(program: Sequence[str], argv: Sequence[str] | None) -> int:
     """Print a unit that runs a program with the arguments of this one. Returns the exit status."""
+    from jaxradar.live.systemd import unit
+
     arguments = [word for word in (sys.argv[1:] if argv is None else argv) if word != "--print-unit"]
     print(unit([*program, *arguments], Path(program[-1]).name), end="")
     return 0

@@ -9,15 +9,15 @@ from collections.abc import Callable, Sequence
 from jaxradar.live.artefact import Header
 from jaxradar.live.board import Fault
 from jaxradar.live.detect import LiveDecision
+from jaxradar.live.printed import CLEAR
 from jaxradar.live.run import Listener, Moment
 from jaxradar.live.sweeps import LiveSweep, Source
 from jaxradar.live.tally import Tally
 from jaxradar.live.writer import Writer
 from jaxradar.units import NANOSECONDS
 
-__all__ = ["CLEAR", "Display"]
+__all__ = ["Display"]
 
-CLEAR = "\r\x1b[K"  # to the line's begin, and clear it
 _EVERY_NS = NANOSECONDS // 5
 _WORDS = {
     Fault.SENSOR_SILENT: "no sweeps",

@@ -15,7 +15,9 @@ from jaxradar.live.tally import Tally
 from jaxradar.live.writer import Writer, closing
 from jaxradar.units import NANOSECONDS
 
-__all__ = ["InJson", "InWords", "event_record"]
+__all__ = ["CLEAR", "InJson", "InWords", "event_record"]
+
+CLEAR = "\r\x1b[K"  # a terminal's line, from its begin on
 
 
 def event_record(decision: LiveDecision, threshold: float) -> dict[str, Any]:

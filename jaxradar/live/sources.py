@@ -53,12 +53,13 @@ def replayed(args: argparse.Namespace, drive: Drive) -> Source:
 def read_device_log(path: Path) -> Drive:
     """A log in one of the two forms that NumPy alone reads. Raises `LogError` for what is none."""
     from jaxradar.drivefile import is_drive_folder, read_drive
-    from jaxradar.labcsv import looks_like_radar, read_lab_csv
 
     if not path.exists():
         raise LogError(path, "cannot be read: No such file or directory.")
     if path.suffix == ".drive" or is_drive_folder(path):
         return read_drive(path)
+    from jaxradar.labcsv import looks_like_radar, read_lab_csv
+
     if path.is_dir() or path.suffix.lower() == ".csv" or looks_like_radar(path):
         return read_lab_csv(path)
     raise LogError(

@@ -36,7 +36,7 @@ class Telling(Listener):
         accelerated: Callable[[int, float], None] = lambda time_ns, value: None,
         say: Callable[[str], None] = lambda sentence: None,
     ) -> None:
-        self._say, self._state = say, "there"
+        self._say, self._state = say, "board there"
         self._port, self._wire, self._rule_name = port, wire, rule
         self._alarm = Alarm(hold_s)
         self._accelerated = accelerated
@@ -46,12 +46,11 @@ class Telling(Listener):
         self._link: Link | None = None
         self._told = Told()
 
-    @property
     def state(self) -> str:
-        """In a word, for people."""
+        """In two words, for people."""
         if self._link is None or not self._link.is_open:
-            return "away"
-        return "silent" if self._link.is_silent else "there"
+            return "board away"
+        return "board silent" if self._link.is_silent else "board there"
 
     @property
     def told(self) -> Told:
@@ -88,12 +87,12 @@ class Telling(Listener):
     def _look(self) -> None:
         """Say how the board is, where that has changed."""
         assert self._link is not None
-        before, self._state = self._state, self.state
+        before, self._state = self._state, self.state()
         if self._state != before:
             words = {
-                "away": f"{self._link.problem or self._port + ': there is no board yet'}. Trying again.",
-                "silent": f"{self._port}: the board says nothing.",
-                "there": f"{self._port}: the board is there.",
+                "board away": f"{self._link.problem or self._port + ': there is no board yet'}. Trying again.",
+                "board silent": f"{self._port}: the board says nothing.",
+                "board there": f"{self._port}: the board is there.",
             }
             self._say(words[self._state])
 
@@ -103,7 +102,7 @@ class Telling(Listener):
         if self._rule is not None:
             told = told._replace(event=self._rule.near and not faults & ~Fault.RECORDER, impact_in_s=None)
         self._told = told
-        if self.state != self._state:
+        if self.state() != self._state:
             self._look()
         heard = self._link.exchange(told)
         if heard.acceleration_m_s2 is not None:
