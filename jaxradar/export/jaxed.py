@@ -42,9 +42,11 @@ class JaxStep:
 
     @classmethod
     def of_step(cls, step: PackedStep) -> JaxStep:
-        """A detector as it is, compiled at the first sweep."""
+        """A detector as it is, compiled here and now: no sweep waits for that."""
         with precision(step.detector):
-            return cls(_in_precision(step.program(), str(step.dtype)), step.initial(), step.inputs)
+            made = cls(_in_precision(step.program(), str(step.dtype)), step.initial(), step.inputs)
+            made._program(made._first, made._inputs)
+        return made
 
     @property
     def inputs(self) -> np.ndarray:

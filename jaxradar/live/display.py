@@ -83,4 +83,4 @@ class Display(Listener):
         parts += [f"{rate_hz:.0f}/s", f"{self._events} detection{'' if self._events == 1 else 's'}"]
         parts += [one() for one in self._more]
         wrong = [words for fault, words in _WORDS.items() if fault in self._faults]
-        return " | ".join([*parts, ", ".join(wrong) or "all well"])
+        return "   ".join([*parts, ", ".join(wrong) or "all well"])
