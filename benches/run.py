@@ -33,6 +33,7 @@ SECTIONS = {
     "store": "store",
     "acconeer": "acconeer",
     "live": "live",
+    "car": "car",
     "gpu": "gpu",
 }
 FEWEST, MOST = 3, 10_000

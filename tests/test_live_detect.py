@@ -198,7 +198,8 @@ def test_the_tally_counts() -> None:
     tally = Tally()
     assert tally.record() == {
         "sweeps": 0, "invalid": 0, "events": 0, "missed": 0, "misfits": 0, "late": 0, "silent": 0, "dropped": 0,
-        "reopened": 0, "duration_s": 0.0, "took_us": dict.fromkeys(("median", "p99", "p99.9", "most"), 0.0),
+        "reopened": 0, "duration_s": 0.0, "processor_share": 0.0,
+        "took_us": dict.fromkeys(("median", "p99", "p99.9", "most"), 0.0),
     }  # fmt: skip
     flags = [0, SweepFlag.MISSED_DATA, SweepFlag.SATURATED, SweepFlag.NO_AMPLITUDES, SweepFlag.QUALITY_WARNING]
     for place, flag in enumerate(flags):

@@ -105,6 +105,7 @@ def _summary(tally: Tally) -> str:
         parts.append(f"the sensor back {tally.reopened} times")
     if tally.sweeps:
         parts.append(f"{tally.took.us(0.5):.0f} µs a sweep (99 %: {tally.took.us(0.99):.0f})")
+        parts.append(f"{100 * tally.busy:.0f} % of a processor")
     more = [words(tally.more[name]) for name, words in _MORE.items() if name in tally.more]
     return ". ".join([", ".join(parts), *more]) + "."
 

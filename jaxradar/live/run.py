@@ -83,7 +83,13 @@ def run(
     header = detector.header
     header.check_axis(source.range_m)
     header.check_amplitudes(source.dtype)
-    tally = Tally()
+    tally, begun_s, used_s = Tally(), time.monotonic(), time.process_time()
+
+    def count_losses() -> None:
+        tally.missed, tally.misfits = source.missed, detector.misfits
+        tally.dropped, tally.reopened = feed.dropped, feed.reopened
+        tally.busy = (time.process_time() - used_s) / max(time.monotonic() - begun_s, 1e-9)
+
     with contextlib.ExitStack() as ends:
         for listener in listeners:
             listener.begin(source, header, (*source.problems, *_blind(source, header)))
@@ -95,7 +101,7 @@ def run(
 
         direct = source.waits and source.period_s is None
         feed = Direct(source, came) if direct else Feed(source, came, again=again)
-        ends.callback(_count_losses, tally, source, detector, feed)  # before the listeners hear of the end
+        ends.callback(count_losses)  # before the listeners hear of the end
         ends.callback(feed.close)
         period_ns = round((source.period_s or PERIOD_S) * NANOSECONDS)
         _loop(feed, detector, listeners, tally, period_ns, lambda: tally.sweeps == most or stop())
@@ -153,11 +159,6 @@ def _loop(
             moment = Moment(now_ns, now_ns + offset_ns, faults | lost | Fault.SENSOR_SILENT)
             for listener in listeners:
                 listener.idle(moment)
-
-
-def _count_losses(tally: Tally, source: Source, detector: LiveDetector, feed: Feed | Direct) -> None:
-    tally.missed, tally.misfits = source.missed, detector.misfits
-    tally.dropped, tally.reopened = feed.dropped, feed.reopened
 
 
 def _blind(source: Source, header: Header) -> list[str]:

@@ -45,7 +45,8 @@ class Tally:
 
     `late`: sweeps that were decided on more than a period after they came; `silent`: periods without a sweep. Known at
     the end: `missed`, sweeps that the source lost; `misfits`, those of a wrong length; `dropped`, those that came
-    faster than they were taken; `reopened`, how often the source was opened again; `more`, what listeners have to tell.
+    faster than they were taken; `reopened`, how often the source was opened again; `busy`, the share of a processor
+    that the whole program took meanwhile; `more`, what listeners have to tell.
     """
 
     sweeps: int = 0
@@ -59,6 +60,7 @@ class Tally:
     misfits: int = 0
     dropped: int = 0
     reopened: int = 0
+    busy: float = 0.0
     took: Durations = field(default_factory=Durations)
     more: dict[str, dict[str, Any]] = field(default_factory=dict)
 
@@ -81,4 +83,8 @@ class Tally:
         """For JSON."""
         names = ("sweeps", "invalid", "events", "missed", "misfits", "late", "silent", "dropped", "reopened")
         held = {name: getattr(self, name) for name in names}
-        return held | {"duration_s": self.duration_s, "took_us": self.took.record()} | self.more
+        return (
+            held
+            | {"duration_s": self.duration_s, "processor_share": self.busy, "took_us": self.took.record()}
+            | self.more
+        )
