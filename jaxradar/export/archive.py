@@ -13,7 +13,7 @@ from pathlib import Path
 
 import jaxradar
 from jaxradar.drivefile import staged
-from jaxradar.live.artefact import HEADER, PROGRAMS, Artefact
+from jaxradar.live.artefact import DAMAGES, HEADER, PROGRAMS, Artefact
 from jaxradar.live.options import RUNTIME
 
 __all__ = ["MODULES", "archive_bytes", "write_archive"]
@@ -30,9 +30,9 @@ _FIRST_LINE = b"#!/usr/bin/env python3\n"
 # its own way, ends the process without a traceback. Python compares no checksum of what it imports from an archive: a
 # damaged module could decide otherwise without a word.
 _MAIN = f"""\
+import {", ".join(sorted({one.__module__ for one in DAMAGES}))}
 import signal
 import sys
-import zipfile
 
 if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -44,7 +44,7 @@ if sys.version_info < (3, 11):
 try:
     with zipfile.ZipFile(name) as archive:
         damaged = archive.testzip() is not None
-except Exception:
+except (OSError, {", ".join(f"{one.__module__}.{one.__qualname__}" for one in DAMAGES)}):
     damaged = True
 if damaged:
     sys.stderr.write("%s: is damaged; export it, or copy it, again.\\n" % name)

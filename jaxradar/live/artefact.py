@@ -29,7 +29,18 @@ import numpy as np
 from jaxradar._errors import ConfigError
 from jaxradar.motion import MOTION_FIELDS
 
-__all__ = ["DECISION", "FORMAT", "HEADER", "PROGRAMS", "Artefact", "Header", "is_artefact", "read_artefact", "units"]
+__all__ = [
+    "DAMAGES",
+    "DECISION",
+    "FORMAT",
+    "HEADER",
+    "PROGRAMS",
+    "Artefact",
+    "Header",
+    "is_artefact",
+    "read_artefact",
+    "units",
+]
 
 FORMAT = 1
 HEADER = "artefact.json"
@@ -38,7 +49,7 @@ DECISION = ("range_m", "speed_m_s", "strength", "statistic", "impact_in_s", "val
 DIGITS = 1e-6  # m: two axes whose bins lie no further apart are one
 
 # What the archive's reader says of a damaged one: another compression, a password, places outside the file, too.
-_DAMAGES = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, RuntimeError, ValueError)
+DAMAGES = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, RuntimeError, ValueError)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,7 +152,7 @@ def is_artefact(path: str | PathLike[str]) -> bool:
             return False
         with zipfile.ZipFile(path) as archive:
             return HEADER in archive.namelist()
-    except (OSError, *_DAMAGES):
+    except (OSError, *DAMAGES):
         return False
 
 
@@ -161,7 +172,7 @@ def read_artefact(path: str | PathLike[str]) -> Artefact:
         raise ConfigError(
             f"{name}: cannot be read: {error.strerror or error}; expected a file that `jaxradar export` made."
         ) from None
-    except _DAMAGES:
+    except DAMAGES:
         raise ConfigError(f"{name}: is damaged, or no compiled detector; export it again.") from None
 
 
