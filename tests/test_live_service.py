@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from board import Board
 from live_samples import exported, ready_drive
+from test_live_rules import transcribed
 
 from jaxradar.drive import Drive
 from jaxradar.drivefile import read_drive, write_drive
@@ -187,33 +188,6 @@ def test_options_that_do_not_go_together(options: list[str], sentence: str, log:
     assert len(found.stderr.splitlines()) == 1
 
 
-def transcribed(drive: Drive, *, as_it_was: bool) -> bytes:
-    """Lines 131 to 147 and 253 to 275 of the lab's program, of sensor `drive.sensors[0]`, one byte a sweep."""
-    series = drive.sensors[0]
-    bins = len(series.range_m)
-    measure_start = float(series.range_m[0])
-    measure_len = float(series.range_m[-1] - series.range_m[0]) * bins / (bins - 1)
-    index_to_meter = measure_len / 128
-    distance, out = 0.0, []
-    for data, flags in zip(series.sweeps, series.flags, strict=True):
-        if flags & (1 | 4 | 8 | 16):  # missed, not read, ...: `get_next` fails, and the distance stays
-            if not as_it_was:
-                distance = 0.0
-        else:
-            max_data = max_data_index = 0
-            for i in range(bins):
-                if max_data < data[i]:
-                    max_data_index, max_data = i, data[i]
-            if max_data > 1000:
-                distance = (
-                    index_to_meter * max_data_index if as_it_was else measure_start + max_data_index * index_to_meter
-                )
-            else:
-                distance = 0.0
-        out.append(1 if distance != 0 and distance < 0.15 else 0)
-    return bytes(out)
-
-
 @pytest.mark.parametrize("rule", ["distance", "distance-as-it-was"])
 def test_the_lab_s_rule_byte_for_byte(rule: str, tmp_path: Path) -> None:
     """Over a drive whose strongest echo is nearer than 0.15 m now and then, faint or equal to another; as fast as it
@@ -227,7 +201,8 @@ def test_the_lab_s_rule_byte_for_byte(rule: str, tmp_path: Path) -> None:
     sweeps[::5, 30] = sweeps[::5].max(axis=1)
     drive = Drive((dataclasses.replace(one, sweeps=sweeps, flags=np.zeros_like(one.flags)),))
     write_drive(drive, tmp_path / "near.drive")
-    wanted = transcribed(drive, as_it_was=rule.endswith("was"))
+    length_m = (one.range_m[-1] - one.range_m[0]) * len(one.range_m) / (len(one.range_m) - 1)
+    wanted = bytes(transcribed(sweeps, [0] * len(one), one.range_m[0], length_m, rule.endswith("was")))
     assert 0 < sum(wanted) < len(wanted)
     with Board(tmp_path / "board", "nucleo", tmp_path / "bytes") as board:
         found = ran(

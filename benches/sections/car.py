@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from data import UnavailableError
@@ -66,7 +67,8 @@ def measure(settings: Settings) -> Section:
     return section
 
 
-def _board(folder: Path) -> subprocess.Popen[str]:
+def _beside_a_board(folder: Path, command: list[str]) -> dict[str, Any]:
+    """The last line of what a program prints, while a board is there."""
     board = subprocess.Popen(
         [sys.executable, str(BOARD), str(folder / "board"), "nucleo", str(folder / "bytes")],
         stdout=subprocess.PIPE,
@@ -74,22 +76,21 @@ def _board(folder: Path) -> subprocess.Popen[str]:
     )
     assert board.stdout is not None
     board.stdout.readline()
-    return board
-
-
-def _paced(section: Section, folder: Path, sweeps: int) -> None:
-    say(f"{sweeps / RATE_HZ:.0f} s of sweeps as they come")
-    board = _board(folder)
     try:
-        command = [sys.executable, "step.pyz", "--source", "replay", "long.drive", "--json", "--link", "nucleo"]
-        command += ["--port", str(folder / "board"), "--record", "records"]
         ran = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     finally:
         board.kill()
         board.wait()
     if ran.returncode:
         raise UnavailableError(f"the program failed: {ran.stderr.strip().splitlines()[-1:]}")
-    found = json.loads(ran.stdout.splitlines()[-1])["summary"]
+    found: dict[str, Any] = json.loads(ran.stdout.splitlines()[-1])
+    return found
+
+
+def _paced(section: Section, folder: Path, sweeps: int) -> None:
+    say(f"{sweeps / RATE_HZ:.0f} s of sweeps as they come")
+    command = [sys.executable, "step.pyz", "--source", "replay", "long.drive", "--json", "--link", "nucleo"]
+    found = _beside_a_board(folder, [*command, "--port", str(folder / "board"), "--record", "records"])["summary"]
     told, recorded = found["board"], found["recorded"]
     after = told["told_after_us"]
     cells = ["paced", *(figure(after[key]) for key in ("median", "p99", "p99.9", "most"))]
@@ -107,17 +108,8 @@ def _paced(section: Section, folder: Path, sweeps: int) -> None:
 
 def _soak(section: Section, folder: Path, sweeps: int) -> None:
     say(f"{sweeps:,} sweeps as fast as it goes")
-    board = _board(folder)
-    try:
-        command = [sys.executable, str(Path(__file__).parents[1] / "soak.py"), "short.drive", "step.pyz"]
-        command += [str(folder / "board"), "soak", str(sweeps)]
-        ran = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    finally:
-        board.kill()
-        board.wait()
-    if ran.returncode:
-        raise UnavailableError(f"the soak failed: {ran.stderr.strip().splitlines()[-1:]}")
-    found = json.loads(ran.stdout.splitlines()[-1])
+    command = [sys.executable, str(Path(__file__).parents[1] / "soak.py"), "short.drive", "step.pyz"]
+    found = _beside_a_board(folder, [*command, str(folder / "board"), "soak", str(sweeps)])
     grown = (found["late_kb"] - found["early_kb"]) / 1e3
     section.rows.append(Row("soak", [], {"grown_mb": grown}))
     section.notes.append(

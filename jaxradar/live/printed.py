@@ -12,7 +12,7 @@ from jaxradar.live.detect import LiveDecision
 from jaxradar.live.run import Listener, Moment
 from jaxradar.live.sweeps import LiveSweep, Source
 from jaxradar.live.tally import Tally
-from jaxradar.live.writer import Writer, closing
+from jaxradar.live.writer import Writer, close_all
 from jaxradar.units import NANOSECONDS
 
 __all__ = ["CLEAR", "InJson", "InWords", "event_record"]
@@ -65,7 +65,7 @@ class InWords(Listener):
     def end(self, tally: Tally) -> None:
         """Say the summary."""
         self._err.say(_summary(tally))
-        closing(self._out, self._err)
+        close_all(self._out, self._err)
 
     def line(self, decision: LiveDecision) -> str:
         """A detection."""
@@ -86,7 +86,7 @@ class InJson(InWords):
     def end(self, tally: Tally) -> None:
         """Print the summary."""
         self._out.say(json.dumps({"summary": tally.record()}))
-        closing(self._out, self._err)
+        close_all(self._out, self._err)
 
 
 def _summary(tally: Tally) -> str:

@@ -7,7 +7,7 @@ import queue
 import threading
 from typing import Any
 
-__all__ = ["Writer"]
+__all__ = ["Writer", "close_all"]
 
 MOST_WAITING = 1000  # lines
 
@@ -69,9 +69,8 @@ class Writer:
                 self._error = BrokenPipeError()
 
 
-def closing(*writers: Writer) -> Any:
-    """Close them all, whatever one of them raises."""
-    stack = contextlib.ExitStack()
-    for writer in writers:
-        stack.callback(writer.close)
-    return stack.close()
+def close_all(*writers: Writer) -> None:
+    """Close them, whatever one of them raises."""
+    with contextlib.ExitStack() as stack:
+        for writer in writers:
+            stack.callback(writer.close)
