@@ -1,7 +1,8 @@
 """Live detection as fast as it goes, for long: `python benches/soak.py LOG PYZ PORT DIR SWEEPS`, started by `car`.
 
 A log again and again, its times going on, to a board at PORT and a recorder in DIR. Prints JSON: resident memory in kB
-after a tenth of the sweeps and at the end, and what the run came to.
+after a tenth of the sweeps and at the last one (what is summed up behind it needs some of its own), and what the run
+came to.
 """
 
 from __future__ import annotations
@@ -41,13 +42,22 @@ class Again(Replay):
 class Watching(Listener):
     """Reads the memory after some sweeps, and throws away the drives that are whole: a disk is not the question."""
 
-    def __init__(self, folder: Path, early: int) -> None:
-        self.folder, self.early, self.count, self.early_kb = folder, early, 0, 0
+    def __init__(self, folder: Path, sweeps: int) -> None:
+        self.folder, self.early, self.late, self.count, self.early_kb, self.late_kb = (
+            folder,
+            sweeps // 10,
+            sweeps,
+            0,
+            0,
+            0,
+        )
 
     def hear(self, live: LiveSweep, decision: LiveDecision, moment: Moment) -> None:
         self.count += 1
         if self.count == self.early:
             self.early_kb = resident_kb()
+        if self.count == self.late:
+            self.late_kb = resident_kb()
         if self.count % 100_000 == 0:
             for old in sorted(self.folder.glob("*.drive"), key=lambda path: path.stat().st_mtime)[:-2]:
                 shutil.rmtree(old)
@@ -64,12 +74,11 @@ def main() -> None:
     held = dataclasses.replace(drive.sensors[0], sweeps=drive.sensors[0].sweeps.copy())  # not a file's pages
     header, program = load(archive)
     source = Again(dataclasses.replace(drive, sensors=(held,)), None)
-    watching = Watching(Path(folder), int(sweeps) // 10)
+    watching = Watching(Path(folder), int(sweeps))
     listeners = [Telling(port, Nucleo()), Recording(Path(folder), rotate_bytes=ROTATE_BYTES), watching]
     with source:
         tally = run(source, LiveDetector(header, program), listeners, most=int(sweeps))
-        late_kb = resident_kb()
-    print(json.dumps({"early_kb": watching.early_kb, "late_kb": late_kb, "tally": tally.record()}))
+    print(json.dumps({"early_kb": watching.early_kb, "late_kb": watching.late_kb, "tally": tally.record()}))
 
 
 if __name__ == "__main__":
