@@ -12,6 +12,7 @@ import importlib.util
 import itertools
 import json
 import socket
+import sys
 import threading
 from collections.abc import Mapping
 from typing import Any
@@ -55,7 +56,7 @@ def message(payload: bytes = b"", **header: Any) -> bytes:
 
 
 class ExplorationServer:
-    """Serves one client after another on a port of its own, until the `with` block ends.
+    """Serves one client after another on a port of its own, or on `port`, until the `with` block ends.
 
     - `drive`: sensors of one range axis, equally many sweeps each; sent `period_s` apart.
     - `answers`: in place of the server's own answer to a command, by its name: bytes, or None for no answer at all.
@@ -73,6 +74,7 @@ class ExplorationServer:
         answers: Mapping[str, bytes | None] | None = None,
         ending: bytes | None = None,
         metadata: Mapping[int, Mapping[str, Any]] | None = None,
+        port: int = 0,
     ) -> None:
         self.drive = drive
         self.period_s = period_s
@@ -82,7 +84,7 @@ class ExplorationServer:
         self.commands: list[dict[str, Any]] = []
         self._over = threading.Event()
         self._stopped = threading.Event()
-        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._listener = socket.create_server(("127.0.0.1", port))
         self.port: int = self._listener.getsockname()[1]
         self._thread = threading.Thread(target=self._serve, daemon=True)
 
@@ -176,5 +178,16 @@ def source(server: ExplorationServer, **settings: Any) -> AcconeerSource:
     return AcconeerSource("127.0.0.1", port=server.port, **{"bins": None, "timeout_s": 0.5} | settings)
 
 
+def main() -> None:
+    """A server as a process of its own: `python tests/exploration_server.py PORT SWEEPS PERIOD_S`."""
+    with ExplorationServer(recorded(sweeps=int(sys.argv[2])), port=int(sys.argv[1]), period_s=float(sys.argv[3])):
+        print("ready", flush=True)
+        sys.stdin.read()
+
+
 def take(opened: AcconeerSource, count: int) -> list[LiveSweep]:
     return list(itertools.islice(opened, count))
+
+
+if __name__ == "__main__":
+    main()
