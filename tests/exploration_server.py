@@ -179,8 +179,8 @@ def source(server: ExplorationServer, **settings: Any) -> AcconeerSource:
 
 
 def main() -> None:
-    """A server as a process of its own: `python tests/exploration_server.py PORT SWEEPS PERIOD_S`."""
-    with ExplorationServer(recorded(sweeps=int(sys.argv[2])), port=int(sys.argv[1]), period_s=float(sys.argv[3])):
+    """One of sensor 1 as a process of its own: `python tests/exploration_server.py PORT SWEEPS PERIOD_S`."""
+    with ExplorationServer(recorded((1,), sweeps=int(sys.argv[2])), port=int(sys.argv[1]), period_s=float(sys.argv[3])):
         print("ready", flush=True)
         sys.stdin.read()
 

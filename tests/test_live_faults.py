@@ -213,6 +213,14 @@ def test_times_go_on_across_a_restart() -> None:
     assert (tally.reopened, tally.sweeps) == (1, 29)
 
 
+def test_a_source_that_opens_and_fails_at_once_is_not_asked_again_and_again() -> None:
+    """The pause grows as for one that does not open."""
+    sensor, begun_s = Sensor(40, dict.fromkeys(range(40), fail)), time.monotonic()
+    with sensor:
+        tally = run(sensor, LiveDetector(HEADER, Once()), [], again=True, stop=lambda: time.monotonic() > begun_s + 2.0)
+    assert 1 <= tally.reopened <= 3  # after 0.5 s, 1 s, 2 s
+
+
 def test_a_loop_that_is_held_up_drops_the_oldest_and_says_late() -> None:
     held = []
 

@@ -77,8 +77,8 @@ class Feed:
     def _read(self) -> None:
         wait_s, offset_ns, first_came_ns = FIRST_WAIT_S, 0, None
         while True:
+            begun = False
             try:
-                begun = False
                 for live in self._source:
                     came_ns = time.monotonic_ns()
                     if first_came_ns is None:
@@ -94,6 +94,10 @@ class Feed:
                 if not self._again or self._closing.is_set():
                     return self._end(error)
                 self._queue.put(Lost(str(error)))
+                if not begun:  # it opens, and fails before the first sweep: as long a pause as if it did not open
+                    if self._closing.wait(wait_s):
+                        return self._end(None)
+                    wait_s = min(2.0 * wait_s, LONGEST_WAIT_S)
             except JaxradarError as error:
                 return self._end(error)
             except Exception as error:
