@@ -42,37 +42,40 @@ def faults(frame: bytes) -> Fault:
 
 @pytest.mark.parametrize("kills", [pytest.param(200, marks=pytest.mark.long), 3])
 def test_killed_at_any_moment_with_all_of_it_running(kills: int, log: Path, tmp_path: Path) -> None:
-    """By SIGKILL: every sweep of which the board was told but the last is on the disk or was on its way there; what is
-    there is the log as it was, from its first sweep on, without a gap; each line of the event log but the last is
-    whole; and the next start finds nothing in its way."""
+    """By SIGKILL: what is on the disk is the log as it was, from its first sweep on and without a gap, up to the sweep
+    of which the board was told last but for the one or two that were just coming; each line of the event log but the
+    last is whole; and the next start finds nothing in its way."""
     random = np.random.default_rng(kills)
     (one,) = read_drive(log).sensors
-    records, events, lost = tmp_path / "records", tmp_path / "events", 0
+    records, events = tmp_path / "records", tmp_path / "events"
+    lost = []
     with Board(tmp_path / "board", "nucleo", tmp_path / "bytes") as board:
-        options = ["--link", "nucleo", "--port", str(tmp_path / "board"), "--record", str(records), "--fast"]
+        options = ["--link", "nucleo", "--port", str(tmp_path / "board"), "--record", str(records)]
         for _ in range(kills):
             before = len(board.bytes())
             child = subprocess.Popen(
                 [*command(log, *options), "--events", str(events)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
             )
-            until(lambda before=before, child=child: len(board.bytes()) > before or child.poll() is not None)
-            time.sleep(random.random() * 0.05)
+            until(lambda before=before: len(board.bytes()) > before)
+            time.sleep(random.random() * 0.5)
             child.send_signal(signal.SIGKILL)
             child.communicate()
             time.sleep(0.02)
             told = len(board.bytes()) - before
-            (found,) = drives(records) if records.exists() else (None,)
-            kept = 0 if found is None else len(found.sensors[0])
-            if found is not None:
-                np.testing.assert_array_equal(found.sensors[0].sweeps, one.sweeps[:kept])
-                np.testing.assert_array_equal(found.sensors[0].times_ns, one.times_ns[:kept])
-            lost = max(lost, told - kept)
+            found = drives(records)
+            assert len(found) <= 1
+            kept = sum(len(drive.sensors[0]) for drive in found)
+            for drive in found:
+                np.testing.assert_array_equal(drive.sensors[0].sweeps, one.sweeps[:kept])
+                np.testing.assert_array_equal(drive.sensors[0].times_ns, one.times_ns[:kept])
+            lost.append(told - kept)
             shutil.rmtree(records, ignore_errors=True)
-    assert lost <= len(one)
+    assert np.median(lost) <= 2
+    assert max(lost) <= 20  # a tenth of a second or two, on a machine that is busy just then
     for line in events.read_text().splitlines():
         if line.endswith("}"):
             json.loads(line)
-    assert ran(log, *options).returncode == 0
+    assert ran(log, *options, "--fast").returncode == 0
 
 
 TMPFS = """

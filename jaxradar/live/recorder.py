@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -25,6 +25,7 @@ ROTATE_BYTES, ROTATE_S = 1 << 30, 3600.0
 FLUSH_S = 5.0  # so much is lost with the power at most
 RETRY_S = 5.0  # after a disk that took nothing
 _LOOK_S = 1e-3
+_LATEST_S = 0.02  # until what came is written, if nobody wakes the thread
 _NAMES = 1000  # drives that begin within a second
 
 
@@ -57,11 +58,14 @@ class _Sample(NamedTuple):
 class Recorder:
     """Writes drives into a folder, in a thread of its own.
 
-    `take` and `take_acceleration` never wait: what does not fit the queue is dropped and counted. A drive is closed and
-    the next one begun after `rotate_bytes` or `rotate_s`; its name is the UTC time at which it was begun, as in
-    `2026-11-23T10-48-49Z.drive`, with a number behind it where that name is taken. After a crash at any byte every
-    whole sweep before it is readable. Where the disk takes nothing the drive is closed as far as it came, and a new one
-    is tried every `RETRY_S`.
+    `take` and `take_acceleration` never wait: what does not fit the queue is dropped and counted. Nor do they wake the
+    thread, which would then want the interpreter just when the sweep is decided on: `wake` does, when that is done, and
+    without it what came is written `_LATEST_S` later.
+
+    A drive is closed and the next one begun after `rotate_bytes` or `rotate_s`; its name is the UTC time at which it
+    was begun, as in `2026-11-23T10-48-49Z.drive`, with a number behind it where that name is taken. After a crash at
+    any byte every whole sweep before it is readable. Where the disk takes nothing the drive is closed as far as it
+    came, and a new one is tried every `RETRY_S`.
 
     `waits`: whether `take` waits all the same, for sweeps that come as fast as they are taken. `folder`: is made if
     there is none. `sensors`: their numbers; `range_m`: (bins,) slant ranges in metres of them all; `dtype`: of the
@@ -90,7 +94,9 @@ class Recorder:
         self._dtype = np.dtype(dtype)
         self._motion = ["acceleration_m_s2"] if accelerations else []
         self._rotate_bytes, self._rotate_s, self._most, self._waits = rotate_bytes, rotate_s, most_waiting, waits
-        self._queue: queue.SimpleQueue[LiveSweep | _Sample | None] = queue.SimpleQueue()
+        self._queue: deque[LiveSweep | _Sample] = deque()
+        self._woken = threading.Event()
+        self._ended = False
         self._sweeps = self._dropped = self._lost = self._drives = 0
         self._problem = ""
         self._writer: DriveWriter | None = None
@@ -106,21 +112,26 @@ class Recorder:
 
     def take(self, live: LiveSweep) -> None:
         """One sweep, whose amplitudes must not be changed later."""
-        while self._waits and self._queue.qsize() >= self._most:
+        while self._waits and len(self._queue) >= self._most:
             time.sleep(_LOOK_S)
-        if self._queue.qsize() >= self._most or len(live.sweep) != self._bins.get(live.sensor):
+        if len(self._queue) >= self._most or len(live.sweep) != self._bins.get(live.sensor):
             self._dropped += 1
         else:
-            self._queue.put(live)
+            self._queue.append(live)
 
     def take_acceleration(self, time_ns: int, value: float) -> None:
         """One vertical acceleration in m/s², at a time on the sweeps' clock."""
-        if self._queue.qsize() < self._most:
-            self._queue.put(_Sample(time_ns, value))
+        if len(self._queue) < self._most:
+            self._queue.append(_Sample(time_ns, value))
+
+    def wake(self) -> None:
+        """Let what came be written now."""
+        self._woken.set()
 
     def close(self, wait_s: float = 10.0) -> None:
         """Write what waits, and seal the drive; a disk that does not take it within `wait_s` is not waited for."""
-        self._queue.put(None)
+        self._ended = True
+        self._woken.set()
         self._thread.join(wait_s)
         if self._thread.is_alive():
             self._problem = f"{self._folder}: the disk did not take all in {wait_s:g} s"
@@ -128,16 +139,10 @@ class Recorder:
     def _work(self) -> None:
         ended = False
         while not ended:
-            items = [self._queue.get()]
-            while len(items) < self._most:
-                try:
-                    items.append(self._queue.get_nowait())
-                except queue.Empty:
-                    break
-            if None in items:
-                ended = True
-                items = items[: items.index(None)]
-            self._write([one for one in items if one is not None])
+            self._woken.wait(_LATEST_S)
+            self._woken.clear()
+            ended = self._ended  # before the queue is looked at: what came before the end is written
+            self._write([self._queue.popleft() for _ in range(len(self._queue))])
             self._keep()
         self._seal()
 

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from jaxradar.live.artefact import Header
 from jaxradar.live.board import Fault
+from jaxradar.live.detect import LiveDecision
 from jaxradar.live.recorder import Recorder, folder_for_drives
-from jaxradar.live.run import Listener
+from jaxradar.live.run import Listener, Moment
 from jaxradar.live.sweeps import LiveSweep, Source
 from jaxradar.live.tally import Tally
 
@@ -70,6 +71,10 @@ class Recording(Listener):
     def came(self, live: LiveSweep) -> None:
         assert self.recorder is not None
         self.recorder.take(live)
+
+    def hear(self, live: LiveSweep, decision: LiveDecision, moment: Moment) -> None:
+        if live.last and self.recorder is not None:
+            self.recorder.wake()
 
     def accelerated(self, time_ns: int, value: float) -> None:
         """A board has told its vertical acceleration in m/s²."""
