@@ -3,6 +3,7 @@ exchanged for a damaged one; in processes of their own."""
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import pty
@@ -11,8 +12,10 @@ import select
 import shutil
 import signal
 import socket
+import struct
 import subprocess
 import sys
+import termios
 import threading
 import time
 from pathlib import Path
@@ -205,10 +208,11 @@ def shown(child: subprocess.Popen[bytes], master: int, seconds: float = 60.0) ->
     return content.decode()
 
 
-@pytest.mark.parametrize("quiet", [False, True])
-def test_the_display_on_a_terminal(quiet: bool, log: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("quiet", "columns"), [(False, 150), (False, 60), (True, 150)])
+def test_the_display_on_a_terminal(quiet: bool, columns: int, log: Path, tmp_path: Path) -> None:
     """One line, written over; with a board that is gone in the middle, which it says, and says when it is back."""
     master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
     place = tmp_path / "board"
     board = Board(place, "nucleo")
     options = ["--link", "nucleo", "--port", str(place), "--record", str(tmp_path / "records"), "--pace", "0.5"]
@@ -239,9 +243,12 @@ def test_the_display_on_a_terminal(quiet: bool, log: Path, tmp_path: Path) -> No
         assert lines == []
         return
     assert len(lines) >= 5
-    assert any("board away" in line for line in lines)
-    assert all(" m/s" in line and "recorded" in line and " of " in line for line in lines[1:])
     assert "all well" in lines[-1]
+    assert all("detection" in line for line in lines)
+    assert max(map(len, lines)) < columns
+    if columns == 150:
+        assert any("board away" in line for line in lines)
+        assert all(" m/s" in line and "recorded" in line and " of " in line for line in lines[1:])
 
 
 def test_the_event_log_has_faults_losses_and_what_was_said(log: Path, tmp_path: Path) -> None:

@@ -1,7 +1,11 @@
-"""What is going on, in one line of a terminal that is written over, five times a second."""
+"""What is going on, in one line of a terminal that is written over, five times a second.
+
+The line is cut to the terminal's width, for one that wraps cannot be written over; what must not be cut comes first.
+"""
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -30,8 +34,8 @@ _WORDS = {
 
 
 class Display(Listener):
-    """Time, range, speed, statistic over threshold, sweeps a second, detections, what others have to tell (`more`, a
-    few words each), faults of the last moment that was shown and of those since."""
+    """Time, faults since the last line, detections, range, speed, statistic over threshold, sweeps a second, and what
+    others have to tell (`more`, a few words each)."""
 
     def __init__(self, more: Sequence[Callable[[], str]] = ()) -> None:
         self._more = more
@@ -67,20 +71,27 @@ class Display(Listener):
         seconds = max(now_ns - self._since_ns, 1) / NANOSECONDS
         rate = (self._sweeps - self._before) / seconds
         self._since_ns, self._before = now_ns, self._sweeps
-        self._writer.say(CLEAR + self.line(moment.time_ns / NANOSECONDS, rate), end="")
+        self._writer.say(CLEAR + self.line(moment.time_ns / NANOSECONDS, rate)[: _width()], end="")
         self._faults = Fault(0)
 
     def line(self, time_s: float, rate_hz: float) -> str:
-        """As it is shown."""
+        """As it is shown where there is room."""
         last, header = self._last, self._header
-        parts = [f"{time_s:8.1f} s"]
+        wrong = [words for fault, words in _WORDS.items() if fault in self._faults]
+        parts = [f"{time_s:8.1f} s", ", ".join(wrong) or "all well"]
+        parts += [f"{self._events} detection{'' if self._events == 1 else 's'}"]
         if last is not None:
             parts += [
                 f"{last.range_m:.3f} m",
                 f"{last.speed_m_s:+5.1f} m/s",
                 f"{header.statistic_name} {last.statistic:.3g} of {header.threshold:.3g}",
             ]
-        parts += [f"{rate_hz:.0f}/s", f"{self._events} detection{'' if self._events == 1 else 's'}"]
-        parts += [one() for one in self._more]
-        wrong = [words for fault, words in _WORDS.items() if fault in self._faults]
-        return "   ".join([*parts, ", ".join(wrong) or "all well"])
+        return "   ".join([*parts, f"{rate_hz:.0f}/s", *(one() for one in self._more)])
+
+
+def _width() -> int | None:
+    """Columns of the terminal but the last, in which some wrap already; None if it does not say."""
+    try:
+        return max(os.get_terminal_size(sys.stderr.fileno()).columns - 1, 0) or None
+    except (OSError, ValueError):
+        return None
