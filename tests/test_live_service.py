@@ -167,6 +167,7 @@ def test_the_unit_runs_this_very_command(log: Path, tmp_path: Path) -> None:
     assert "--print-unit" not in line
     assert f"WorkingDirectory={tmp_path}" in lines
     assert "Type=notify" in lines
+    assert "StartLimitIntervalSec=0" in lines[: lines.index("[Service]")]
     assert "SuccessExitStatus=130 143" in lines
 
 

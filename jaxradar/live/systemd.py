@@ -17,6 +17,7 @@ _UNIT = """\
 Description=Road steps ahead, by radar ({name})
 Documentation=man:systemd.service(5)
 After=network.target
+StartLimitIntervalSec=0
 
 [Service]
 Type=notify
@@ -72,7 +73,9 @@ class Notifier:
 
 
 def unit(command: Sequence[str], name: str) -> str:
-    """A systemd unit that runs a command in the folder of today, as soon as the machine is up and again when it fails.
+    """A systemd unit that runs a command in the folder of today, as soon as the machine is up and again when it fails,
+    however often: a sensor's server that is not up yet would else use up the five starts in ten seconds that
+    systemd.unit(5) allows by itself.
 
     `%` and `$` stand for themselves, as systemd.service(5) asks for them to be written.
     """
