@@ -161,3 +161,12 @@ def test_closing_does_not_wait(place: Path) -> None:
             begin = time.monotonic()
             link.close(Told(faults=Fault.STOPPING))
             assert time.monotonic() - begin < 1.0
+
+
+def test_what_is_no_serial_line_says_so(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for name, why in (("file", "no serial line"), (".", "Is a directory")):
+        link = Link(str(tmp_path / name), Nucleo(), PERIOD_S)
+        link.open()
+        link.close()
+        assert link.problem == f"{tmp_path / name}: cannot be opened ({why})"

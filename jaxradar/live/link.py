@@ -209,6 +209,10 @@ def _flush(line: Any, which: int) -> None:
 
 def _reason(error: Exception) -> str:
     number = getattr(error, "errno", None)
+    if number is None and isinstance(error.__context__, termios.error):  # what pyserial does not pass on
+        number = error.__context__.args[0]
+    if number == errno.ENOTTY:
+        return "no serial line"
     return os.strerror(number) if number else f"{error!s:.100}"
 
 
