@@ -28,8 +28,8 @@ from jaxradar.live.sweeps import Source
 
 # What only some runs want is imported by those: a device's processor takes its time for each module.
 if TYPE_CHECKING:
+    from jaxradar.live.event_log import EventLog
     from jaxradar.live.recording import Recording
-    from jaxradar.live.serving import EventLog
     from jaxradar.live.telling import Telling
 
 __all__ = ["detect_live", "listeners_of", "load", "main", "print_unit"]
@@ -83,7 +83,7 @@ def listeners_of(args: argparse.Namespace) -> list[Listener]:
     all that take time, and what is printed at the end comes when the others have told what they came to."""
     shows = not (args.quiet or args.json) and sys.stderr.isatty()
     printed = InJson() if args.json else InWords(CLEAR if shows else "")
-    log = _event_log(args.events) if args.events is not None else None
+    log = _event_log(args.events, printed.say) if args.events is not None else None
 
     def say(sentence: str) -> None:
         printed.say(sentence)
@@ -104,10 +104,10 @@ def listeners_of(args: argparse.Namespace) -> list[Listener]:
     return [one for one in listeners if one is not None]
 
 
-def _event_log(path: str) -> EventLog:
-    from jaxradar.live.serving import EventLog
+def _event_log(path: str, say: Callable[[str], None]) -> EventLog:
+    from jaxradar.live.event_log import EventLog
 
-    return EventLog(Path(path))
+    return EventLog(Path(path), say)
 
 
 def _recording(args: argparse.Namespace, say: Callable[[str], None]) -> Recording:

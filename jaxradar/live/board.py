@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from jaxradar.units import NANOSECONDS
 
-__all__ = ["HOLD_S", "SAFE", "Alarm", "Fault", "Told"]
+__all__ = ["HOLD_S", "Alarm", "Fault", "Told", "in_words", "names", "unsure"]
 
 HOLD_S = 0.1  # of a detection whose impact is not foreseen; the thesis saw a step 50 ms before the wheel met it
 
@@ -24,7 +24,30 @@ class Fault(enum.IntFlag):
     STOPPING = 64  # the program ends
 
 
-SAFE = Fault.RECORDER
+_WORDS = {
+    Fault.SENSOR_SILENT: "no sweeps",
+    Fault.SENSOR_LOST: "sensor lost",
+    Fault.NO_DATA: "no data",
+    Fault.WRONG_LENGTH: "sweeps of a wrong length",
+    Fault.LATE: "late",
+    Fault.RECORDER: "not recording",
+    Fault.STOPPING: "stopping",
+}
+
+
+def unsure(faults: Fault) -> bool:
+    """Whether the board is to be told of no step."""
+    return bool(faults & ~Fault.RECORDER)
+
+
+def names(faults: Fault) -> list[str]:
+    """For machines: those of `Fault`, in lower case."""
+    return [one.name.lower() for one in Fault if one in faults and one.name]
+
+
+def in_words(faults: Fault) -> str:
+    """For people."""
+    return ", ".join(words for fault, words in _WORDS.items() if fault in faults) or "all well"
 
 
 class Told(NamedTuple):
@@ -69,7 +92,7 @@ class Alarm:
         """What the board is told at `time_ns`, on the clock of the detections."""
         if self._until_ns is not None and time_ns >= self._until_ns:
             self._until_ns = self._impact_ns = None
-        if self._until_ns is None or faults & ~SAFE:
+        if self._until_ns is None or unsure(faults):
             return Told(number=self._number, faults=faults)
         left_s = None if self._impact_ns is None else max(self._impact_ns - time_ns, 0) / NANOSECONDS
         return Told(True, self._number, left_s, None, faults)

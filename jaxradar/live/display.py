@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from jaxradar.live.artefact import Header
-from jaxradar.live.board import Fault
+from jaxradar.live.board import Fault, in_words
 from jaxradar.live.detect import LiveDecision
 from jaxradar.live.printed import CLEAR
 from jaxradar.live.run import Listener, Moment
@@ -19,14 +19,6 @@ from jaxradar.units import NANOSECONDS
 __all__ = ["Display"]
 
 _EVERY_NS = NANOSECONDS // 5
-_WORDS = {
-    Fault.SENSOR_SILENT: "no sweeps",
-    Fault.SENSOR_LOST: "sensor lost",
-    Fault.NO_DATA: "no data",
-    Fault.WRONG_LENGTH: "sweeps of a wrong length",
-    Fault.LATE: "late",
-    Fault.RECORDER: "not recording",
-}
 
 
 class Display(Listener):
@@ -82,5 +74,4 @@ class Display(Listener):
             ]
         parts += [f"{rate_hz:.0f}/s", f"{self._events} detection{'' if self._events == 1 else 's'}"]
         parts += [one() for one in self._more]
-        wrong = [words for fault, words in _WORDS.items() if fault in self._faults]
-        return "   ".join([*parts, ", ".join(wrong) or "all well"])
+        return "   ".join([*parts, in_words(self._faults)])
