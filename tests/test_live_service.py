@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -167,13 +168,26 @@ def test_the_unit_runs_this_very_command(log: Path, tmp_path: Path) -> None:
     assert "--print-unit" not in line
     assert f"WorkingDirectory={tmp_path}" in lines
     assert "Type=notify" in lines
-    assert "SuccessExitStatus=130 143" in lines
+    assert "SuccessExitStatus=129 130 143" in lines
+    assert "StartLimitIntervalSec=0" in lines[: lines.index("[Service]")]  # where systemd looks for it
+
+
+def test_the_unit_is_one_that_systemd_takes(log: Path, tmp_path: Path) -> None:
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("systemd is not installed")
+    (tmp_path / "radar.service").write_text(ran(log, "--record", "100 % $HOME", "--print-unit", cwd=tmp_path).stdout)
+    found = subprocess.run(
+        ["systemd-analyze", "verify", str(tmp_path / "radar.service")], capture_output=True, text=True, check=False
+    )
+    assert found.returncode == 0, found.stderr
+    assert "radar.service" not in found.stderr  # nor is a line of it passed over
 
 
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
         (["--port", "/dev/ttyACM0"], "--port goes with --link"),
+        (["--rotate-min", "3", "--print-unit"], "--rotate-min goes with --record"),
         (["--rotate-mb", "3"], "--rotate-mb goes with --record"),
         (["--link", "framed", "--count", "2"], "--count goes with --link nucleo"),
         (["--link", "nucleo", "--rule", "distance", "--hold", "1"], "--hold is of detections"),

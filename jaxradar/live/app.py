@@ -19,7 +19,7 @@ from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar._program import Parser, ended
 from jaxradar.live.artefact import Header, read_artefact
 from jaxradar.live.detect import LiveDetector
-from jaxradar.live.options import PORT, RULES, add_live_options
+from jaxradar.live.options import PORT, RULES, add_live_options, check_options
 from jaxradar.live.printed import CLEAR, InJson, InWords
 from jaxradar.live.program import Program
 from jaxradar.live.run import Listener, run
@@ -57,11 +57,11 @@ def _main(name: str, argv: Sequence[str] | None, own: str | None) -> int:
     add_live_options(parser, {kind: what.about for kind, what in DEVICE_SOURCES.items()})
     parser.add_argument("--detector", metavar="FILE", help="another compiled detector (default: the one in this file)")
     args = parser.parse_args(argv)
-    if args.print_unit:
-        return print_unit([sys.executable, str(Path(own or "step.pyz").resolve())], argv)
     file = args.detector or own
     if file is None:
         raise ConfigError("expected --detector, a file that `jaxradar export` made.")
+    if args.print_unit:
+        return print_unit([sys.executable, str(Path(own or file).resolve())], args, argv)
     header, program = load(file)
     return detect_live(args, source_of(args, DEVICE_SOURCES, header), lambda _: LiveDetector(header, program))
 
@@ -163,10 +163,14 @@ def _be_quick() -> None:
     sys.setswitchinterval(_SWITCH_S)
 
 
-def print_unit(program: Sequence[str], argv: Sequence[str] | None) -> int:
-    """Print a unit that runs a program with the arguments of this one. Returns the exit status."""
+def print_unit(program: Sequence[str], args: argparse.Namespace, argv: Sequence[str] | None) -> int:
+    """Print a unit that runs a program with the arguments of this one. Returns the exit status.
+
+    Raises `ConfigError` for options that do not go together: such a service would be started again for ever.
+    """
     from jaxradar.live.systemd import unit
 
+    check_options(args)
     arguments = [word for word in (sys.argv[1:] if argv is None else argv) if word != "--print-unit"]
     print(unit([*program, *arguments], Path(program[-1]).name), end="")
     return 0

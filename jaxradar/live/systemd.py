@@ -17,6 +17,7 @@ _UNIT = """\
 Description=Road steps ahead, by radar ({name})
 Documentation=man:systemd.service(5)
 After=network.target
+StartLimitIntervalSec=0
 
 [Service]
 Type=notify
@@ -26,7 +27,7 @@ Restart=always
 RestartSec=1
 WatchdogSec=5
 TimeoutStopSec=15
-SuccessExitStatus=130 143
+SuccessExitStatus=129 130 143
 Nice=-10
 
 [Install]
@@ -72,7 +73,9 @@ class Notifier:
 
 
 def unit(command: Sequence[str], name: str) -> str:
-    """A systemd unit that runs a command in the folder of today, as soon as the machine is up and again when it fails.
+    """A systemd unit that runs a command in the folder of today, as soon as the machine is up and again whenever it
+    ends: without a limit of starts, as a server may be up only minutes after this. SIGHUP, SIGINT and SIGTERM are
+    no failures.
 
     `%` and `$` stand for themselves, as systemd.service(5) asks for them to be written.
     """
