@@ -19,7 +19,7 @@ from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar._program import Parser, ended
 from jaxradar.live.artefact import Header, read_artefact
 from jaxradar.live.detect import LiveDetector
-from jaxradar.live.options import PORT, RULES, add_live_options, check_options
+from jaxradar.live.options import PORT, add_live_options, check_options
 from jaxradar.live.printed import CLEAR, InJson, InWords
 from jaxradar.live.program import Program
 from jaxradar.live.run import Listener, run
@@ -30,6 +30,7 @@ from jaxradar.live.sweeps import Source
 if TYPE_CHECKING:
     from jaxradar.live.event_log import EventLog
     from jaxradar.live.recording import Recording
+    from jaxradar.live.rules import DistanceRule
     from jaxradar.live.telling import Telling
 
 __all__ = ["detect_live", "listeners_of", "load", "main", "print_unit"]
@@ -128,7 +129,16 @@ def _telling(args: argparse.Namespace, recording: Recording | None, say: Callabl
 
     wire = Framed() if args.link == "framed" else Nucleo(args.count or 1.0)
     heard = {} if recording is None else {"accelerated": recording.accelerated}
-    return Telling(args.port or PORT, wire, rule=args.rule or RULES[0], hold_s=args.hold, say=say, **heard)
+    return Telling(args.port or PORT, wire, rule=_rule(args.rule), hold_s=args.hold, say=say, **heard)
+
+
+def _rule(name: str | None) -> Callable[[Source], DistanceRule] | None:
+    """Of `options.RULES`; None for detections."""
+    if name in (None, "detector"):
+        return None
+    from jaxradar.live.rules import DistanceRule
+
+    return lambda source: DistanceRule(source.range_m, source.sensors[0], as_it_was=name == "distance-as-it-was")
 
 
 def detect_live(args: argparse.Namespace, source: Source, detector_of: Callable[[Source], LiveDetector]) -> int:

@@ -53,10 +53,10 @@ def in_words(faults: Fault) -> str:
 class Told(NamedTuple):
     """One period's message.
 
-    - `event`: whether a step is coming: from its detection until its impact.
+    - `event`: whether a step is coming: from its detection until its impact, or for as long as it is held.
     - `number`: of the detection, counted from 1; 0 before the first.
-    - `impact_in_s`: until a front wheel meets it, None where that is not known or nothing is coming.
-    - `height_m`: of the step, None where it is not known.
+    - `impact_in_s`: until a front wheel meets it, None where that is not known, is over, or nothing is coming.
+    - `height_m`: of the step, None where it is not known; no detector tells it yet.
     - `faults`: of `Fault`.
     """
 
@@ -94,5 +94,7 @@ class Alarm:
             self._until_ns = self._impact_ns = None
         if self._until_ns is None or unsure(faults):
             return Told(number=self._number, faults=faults)
-        left_s = None if self._impact_ns is None else max(self._impact_ns - time_ns, 0) / NANOSECONDS
+        # Of an impact that is over while the step is still held nothing is said: to a board 0 s are an end.
+        left_ns = 0 if self._impact_ns is None else self._impact_ns - time_ns
+        left_s = left_ns / NANOSECONDS if left_ns > 0 else None
         return Told(True, self._number, left_s, None, faults)
