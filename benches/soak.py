@@ -24,6 +24,7 @@ from jaxradar.live.telling import Telling
 from jaxradar.live.wires import Nucleo
 
 ROTATE_BYTES = 50_000_000
+PERIOD_NS = 3_333_333  # between the last sweep and the first again
 
 
 class Again(Replay):
@@ -36,27 +37,21 @@ class Again(Replay):
             for live in super().__iter__():
                 last_ns = live.time_ns
                 yield live._replace(time_ns=live.time_ns + offset_ns)
-            offset_ns += last_ns + 3_333_333
+            offset_ns += last_ns + PERIOD_NS
 
 
 class Watching(Listener):
     """Reads the memory after some sweeps, and throws away the drives that are whole: a disk is not the question."""
 
     def __init__(self, folder: Path, sweeps: int) -> None:
-        self.folder, self.early, self.late, self.count, self.early_kb, self.late_kb = (
-            folder,
-            sweeps // 10,
-            sweeps,
-            0,
-            0,
-            0,
-        )
+        self.folder, self.sweeps, self.count = folder, sweeps, 0
+        self.early_kb = self.late_kb = 0
 
     def hear(self, live: LiveSweep, decision: LiveDecision, moment: Moment) -> None:
         self.count += 1
-        if self.count == self.early:
+        if self.count == self.sweeps // 10:
             self.early_kb = resident_kb()
-        if self.count == self.late:
+        if self.count == self.sweeps:
             self.late_kb = resident_kb()
         if self.count % 100_000 == 0:
             for old in sorted(self.folder.glob("*.drive"), key=lambda path: path.stat().st_mtime)[:-2]:

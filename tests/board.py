@@ -10,14 +10,17 @@ from __future__ import annotations
 
 import os
 import random
+import struct
 import subprocess
 import sys
 import time
 import tty
+from collections.abc import Callable
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 ACCELERATION = 137  # 9 m/s² and 128
+FRAME_BYTES = 18  # of a host
 
 
 def crc16(content: bytes) -> int:
@@ -29,6 +32,41 @@ def crc16(content: bytes) -> int:
             held = (held << 1) ^ 0x1021 if held & 0x8000 else held << 1
             held &= 0xFFFF
     return held
+
+
+class Frame(NamedTuple):
+    """A host's frame, as the docstring of `jaxradar.live.wires` lays it out; counts and units are those on the line."""
+
+    kind: int
+    bytes: int
+    sequence: int
+    number: int
+    event: int
+    period_ms: int
+    impact: int
+    height: int
+    faults: int
+    checksum: int
+
+
+def frames(sent: bytes) -> list[Frame]:
+    """Of what has come to a board without garbage between; a frame that is not whole at the end is left out."""
+    found = []
+    for at in range(0, len(sent) - FRAME_BYTES + 1, FRAME_BYTES):
+        frame = sent[at : at + FRAME_BYTES]
+        assert frame[:2] == b"\xa5\x5a"
+        found.append(Frame(*struct.unpack("<BBHHBBHhHH", frame[2:])))
+        assert found[-1][:2] == (1, 12)
+        assert found[-1].checksum == crc16(frame[2:-2])
+    return found
+
+
+def until(true: Callable[[], bool], seconds: float = 20.0) -> None:
+    """Waits for it, and fails if it does not come."""
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 def reply(sequence: int, acceleration: int, status: int = 0) -> bytes:
@@ -65,9 +103,9 @@ def main() -> None:
             os.write(master, bytes([ACCELERATION]) * len(content))
         if kind == "framed":
             held += content
-            while len(held) >= 18:
+            while len(held) >= FRAME_BYTES:
                 os.write(master, reply(int.from_bytes(held[4:6], "little"), 981))
-                held = held[18:]
+                held = held[FRAME_BYTES:]
 
 
 class Board:

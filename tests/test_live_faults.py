@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from board import Board
+from board import Board, frames, until
 
 from jaxradar._errors import ConfigError, SourceError
 from jaxradar.drive import SweepFlag
 from jaxradar.live.artefact import DECISION, Header
 from jaxradar.live.board import Fault
 from jaxradar.live.detect import LiveDecision, LiveDetector
+from jaxradar.live.feed import MOST_WAITING
 from jaxradar.live.run import Listener, Moment, run
 from jaxradar.live.sweeps import LiveSweep, Source
 from jaxradar.live.telling import Telling
@@ -170,14 +171,13 @@ def test_silence_is_safe_within_a_period_of_the_sweep_that_does_not_come(tmp_pat
 
 def test_frames_name_the_fault(tmp_path: Path) -> None:
     sensor = Sensor(30, {15: flag(SweepFlag.NO_AMPLITUDES), 20: shorter})
-    sent = b"".join(content for _, content in told(tmp_path, sensor, kind="framed"))
-    frames = [sent[at : at + 18] for at in range(0, len(sent), 18)]
-    named = [Fault(int.from_bytes(frame[14:16], "little")) for frame in frames]
+    sent = frames(b"".join(content for _, content in told(tmp_path, sensor, kind="framed")))
+    named = [Fault(frame.faults) for frame in sent]
     assert Fault.NO_DATA in {one for faults in named for one in faults}
     assert Fault.WRONG_LENGTH in {one for faults in named for one in faults}
     assert named[-1] == Fault.STOPPING
-    assert all(not frame[8] for frame, faults in zip(frames, named, strict=True) if faults)
-    assert {frame[8] for frame in frames} == {0, 1}
+    assert all(not frame.event for frame in sent if frame.faults)
+    assert {frame.event for frame in sent} == {0, 1}
 
 
 def test_a_source_that_fails_ends_the_run_where_that_is_wanted() -> None:
@@ -222,34 +222,40 @@ def test_a_source_that_opens_and_fails_at_once_is_not_asked_again_and_again() ->
 
 
 def test_a_loop_that_is_held_up_drops_the_oldest_and_says_late() -> None:
-    held = []
+    count, held_at, behind = 200, 4, MOST_WAITING + 30
+    came: list[int] = []
+    decided: list[int] = []
+    late: list[bool] = []
 
     class Slow(Listener):
+        def came(self, live: LiveSweep) -> None:  # who records hears of all
+            came.append(live.time_ns)
+
         def hear(self, live: LiveSweep, decision: LiveDecision, moment: Moment) -> None:
-            held.append(moment.faults)
-            if len(held) == 5:
-                time.sleep(90 * 0.002)
+            decided.append(live.time_ns)
+            late.append(Fault.LATE in moment.faults)
+            if len(decided) == held_at:
+                until(lambda: len(came) >= came.index(live.time_ns) + behind)
 
     class Quick(Sensor):
         period_s = property(lambda self: 0.002)
 
         def __iter__(self) -> Iterator[LiveSweep]:
-            for place in range(200):
+            for place in range(count):
                 time.sleep(0.002)
                 yield LiveSweep(1, 2_000_000 * place, np.ones(BINS, np.uint16), 0)
 
-    came: list[int] = []
-
-    class Recording(Listener):
-        def came(self, live: LiveSweep) -> None:
-            came.append(live.time_ns)
-
     sensor = Quick(0, {})
     with sensor:
-        tally = run(sensor, LiveDetector(HEADER, Once()), [Slow(), Recording()])
-    assert came == [2_000_000 * place for place in range(200)]  # who records hears of all
-    assert tally.sweeps + tally.dropped == 200
-    assert tally.late == sum(Fault.LATE in faults for faults in held) > 0
+        tally = run(sensor, LiveDetector(HEADER, Once()), [Slow()])
+    assert came == [2_000_000 * place for place in range(count)]
+    assert tally.sweeps + tally.dropped == count
+    assert tally.dropped >= behind - MOST_WAITING - 2  # one that waits to be put, and one in hand
+    assert decided == sorted(set(decided))
+    assert decided[held_at] - decided[held_at - 1] > 2_000_000 * (behind - MOST_WAITING - 2)  # those next to it went
+    assert decided[-1] == came[-1]
+    assert late[held_at]
+    assert tally.late == sum(late)
 
 
 def test_the_board_knows_when_the_recorder_fails_and_is_told_of_steps_all_the_same(tmp_path: Path) -> None:
@@ -257,7 +263,9 @@ def test_the_board_knows_when_the_recorder_fails_and_is_told_of_steps_all_the_sa
         fault = Fault.RECORDER
 
     sensor = Sensor(20, {})
-    sent = b"".join(content for _, content in told(tmp_path, sensor, [Failing()], kind="framed"))
-    frames = [sent[at : at + 18] for at in range(0, len(sent), 18)]
-    assert {int.from_bytes(frame[14:16], "little") & Fault.RECORDER for frame in frames[:-1]} == {Fault.RECORDER}
-    assert sum(frame[8] for frame in frames) >= 10
+    sent = frames(b"".join(content for _, content in told(tmp_path, sensor, [Failing()], kind="framed")))
+    assert {frame.faults & Fault.RECORDER for frame in sent[:-1]} == {Fault.RECORDER}
+    detected = next(place for place, frame in enumerate(sent) if frame.event)
+    assert [frame.event == 1 for frame in sent[detected:]] == [
+        frame.faults == Fault.RECORDER for frame in sent[detected:]
+    ]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from board import ACCELERATION, Board
+from board import ACCELERATION, FRAME_BYTES, Board, frames, until
 
 from jaxradar.live.board import Fault, Told
 from jaxradar.live.link import Link
@@ -41,14 +41,6 @@ def exchanges(link: Link, count: int, told: Told = Told()) -> tuple[list[Heard],
     return found, longest
 
 
-def until(true: Callable[[], bool], seconds: float = 10.0) -> None:
-    """Waits for it, and fails if it does not come."""
-    end = time.monotonic() + seconds
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
 def test_one_byte_out_and_one_in_each_period(place: Path, link: Link, tmp_path: Path) -> None:
     with Board(place, "nucleo", tmp_path / "log") as board:
         link.open()
@@ -79,12 +71,12 @@ def test_frames_both_ways(place: Path, tmp_path: Path) -> None:
     with Board(place, "framed", tmp_path / "log") as board:
         link.open()
         found, _ = exchanges(link, 10, STEP)
-        until(lambda: len(board.bytes()) == 10 * 18)
+        until(lambda: len(board.bytes()) == 10 * FRAME_BYTES)
         link.close(Told(faults=Fault.STOPPING))
-        until(lambda: len(board.bytes()) == 11 * 18)
-        sent = board.bytes()
-    assert [sent[at + 4] for at in range(0, len(sent), 18)] == list(range(1, 12))
-    assert sent[-18:][14] == Fault.STOPPING
+        until(lambda: len(board.bytes()) == 11 * FRAME_BYTES)
+        sent = frames(board.bytes())
+    assert [frame.sequence for frame in sent] == list(range(1, 12))
+    assert [frame.faults for frame in sent] == [0] * 10 + [Fault.STOPPING]
     assert {one.acceleration_m_s2 for one in found} <= {None, 981 * 0.01}
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from board import until
 
 from jaxradar._errors import ConfigError
 from jaxradar.drive import Drive
@@ -43,13 +44,6 @@ def drives(folder: Path) -> list[Drive]:
 def order(path: Path) -> tuple[str, int]:
     stem, _, number = path.stem.partition("Z")
     return stem, int(number[1:] or 0)
-
-
-def until(true: object, seconds: float = 20.0) -> None:
-    end = time.monotonic() + seconds
-    while not true():  # type: ignore[operator]
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def test_it_is_read_back_as_it_came(tmp_path: Path) -> None:
@@ -148,7 +142,8 @@ FILL = """
 import resource, signal, sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
-from test_live_recorder import recorder, sweep, until
+from board import until
+from test_live_recorder import recorder, sweep
 import jaxradar.live.recorder as recording
 recording.RETRY_S = 0.05
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -192,7 +187,8 @@ WRITE = """
 import sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
-from test_live_recorder import recorder, sweep, until
+from board import until
+from test_live_recorder import recorder, sweep
 made = recorder(Path(sys.argv[1]), rotate_bytes=20_000)
 place = 0
 while True:

@@ -114,7 +114,10 @@ def test_a_step_is_told_from_its_detection_until_its_impact() -> None:
 def test_a_set_hold_counts_instead_and_detections_do_not_shorten_one_another() -> None:
     alarm = Alarm(hold_s=0.2)
     alarm.detected(0, 0.05)
-    assert alarm.at(199 * MS, Fault(0)) == Told(True, 1, 0.0)
+    assert alarm.at(49 * MS, Fault(0)) == Told(True, 1, 0.001)
+    assert alarm.at(50 * MS, Fault(0)) == Told(True, 1)  # not 0 s, after which a board takes it to be over
+    assert alarm.at(199 * MS, Fault(0)) == Told(True, 1)
+    assert alarm.at(200 * MS, Fault(0)) == Told(False, 1)
     alarm = Alarm()
     alarm.detected(0, 0.3)
     alarm.detected(50 * MS, 0.1)

@@ -50,7 +50,7 @@ def _run(args: argparse.Namespace) -> int:
     from jaxradar.live.detect import LiveDetector
 
     if args.print_unit:
-        return print_unit([sys.executable, "-m", "jaxradar", "live"], sys.argv[2:])
+        return print_unit([sys.executable, "-m", "jaxradar", "live"], args, sys.argv[2:])
     if is_artefact(args.detector) or args.detector.endswith(".pyz"):
         header, step = _compiled(args.detector)
         return detect_live(args, source_of(args, _SOURCES, header), lambda _: LiveDetector(header, step))

@@ -19,7 +19,7 @@ from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar._program import Parser, ended
 from jaxradar.live.artefact import Header, read_artefact
 from jaxradar.live.detect import LiveDetector
-from jaxradar.live.options import PORT, RULES, add_live_options
+from jaxradar.live.options import PORT, add_live_options, check_options
 from jaxradar.live.printed import CLEAR, InJson, InWords
 from jaxradar.live.program import Program
 from jaxradar.live.run import Listener, run
@@ -28,8 +28,9 @@ from jaxradar.live.sweeps import Source
 
 # What only some runs want is imported by those: a device's processor takes its time for each module.
 if TYPE_CHECKING:
+    from jaxradar.live.event_log import EventLog
     from jaxradar.live.recording import Recording
-    from jaxradar.live.serving import EventLog
+    from jaxradar.live.rules import DistanceRule
     from jaxradar.live.telling import Telling
 
 __all__ = ["detect_live", "listeners_of", "load", "main", "print_unit"]
@@ -57,11 +58,11 @@ def _main(name: str, argv: Sequence[str] | None, own: str | None) -> int:
     add_live_options(parser, {kind: what.about for kind, what in DEVICE_SOURCES.items()})
     parser.add_argument("--detector", metavar="FILE", help="another compiled detector (default: the one in this file)")
     args = parser.parse_args(argv)
-    if args.print_unit:
-        return print_unit([sys.executable, str(Path(own or "step.pyz").resolve())], argv)
     file = args.detector or own
     if file is None:
         raise ConfigError("expected --detector, a file that `jaxradar export` made.")
+    if args.print_unit:
+        return print_unit([sys.executable, str(Path(own or file).resolve())], args, argv)
     header, program = load(file)
     return detect_live(args, source_of(args, DEVICE_SOURCES, header), lambda _: LiveDetector(header, program))
 
@@ -83,7 +84,7 @@ def listeners_of(args: argparse.Namespace) -> list[Listener]:
     all that take time, and what is printed at the end comes when the others have told what they came to."""
     shows = not (args.quiet or args.json) and sys.stderr.isatty()
     printed = InJson() if args.json else InWords(CLEAR if shows else "")
-    log = _event_log(args.events) if args.events is not None else None
+    log = _event_log(args.events, printed.say) if args.events is not None else None
 
     def say(sentence: str) -> None:
         printed.say(sentence)
@@ -104,10 +105,10 @@ def listeners_of(args: argparse.Namespace) -> list[Listener]:
     return [one for one in listeners if one is not None]
 
 
-def _event_log(path: str) -> EventLog:
-    from jaxradar.live.serving import EventLog
+def _event_log(path: str, say: Callable[[str], None]) -> EventLog:
+    from jaxradar.live.event_log import EventLog
 
-    return EventLog(Path(path))
+    return EventLog(Path(path), say)
 
 
 def _recording(args: argparse.Namespace, say: Callable[[str], None]) -> Recording:
@@ -128,7 +129,16 @@ def _telling(args: argparse.Namespace, recording: Recording | None, say: Callabl
 
     wire = Framed() if args.link == "framed" else Nucleo(args.count or 1.0)
     heard = {} if recording is None else {"accelerated": recording.accelerated}
-    return Telling(args.port or PORT, wire, rule=args.rule or RULES[0], hold_s=args.hold, say=say, **heard)
+    return Telling(args.port or PORT, wire, rule=_rule(args.rule), hold_s=args.hold, say=say, **heard)
+
+
+def _rule(name: str | None) -> Callable[[Source], DistanceRule] | None:
+    """Of `options.RULES`; None for detections."""
+    if name in (None, "detector"):
+        return None
+    from jaxradar.live.rules import DistanceRule
+
+    return lambda source: DistanceRule(source.range_m, source.sensors[0], as_it_was=name == "distance-as-it-was")
 
 
 def detect_live(args: argparse.Namespace, source: Source, detector_of: Callable[[Source], LiveDetector]) -> int:
@@ -163,10 +173,14 @@ def _be_quick() -> None:
     sys.setswitchinterval(_SWITCH_S)
 
 
-def print_unit(program: Sequence[str], argv: Sequence[str] | None) -> int:
-    """Print a unit that runs a program with the arguments of this one. Returns the exit status."""
+def print_unit(program: Sequence[str], args: argparse.Namespace, argv: Sequence[str] | None) -> int:
+    """Print a unit that runs a program with the arguments of this one. Returns the exit status.
+
+    Raises `ConfigError` for options that do not go together: such a service would be started again for ever.
+    """
     from jaxradar.live.systemd import unit
 
+    check_options(args)
     arguments = [word for word in (sys.argv[1:] if argv is None else argv) if word != "--print-unit"]
     print(unit([*program, *arguments], Path(program[-1]).name), end="")
     return 0

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from jaxradar.units import NANOSECONDS
 
-__all__ = ["HOLD_S", "SAFE", "Alarm", "Fault", "Told"]
+__all__ = ["HOLD_S", "Alarm", "Fault", "Told", "in_words", "names", "unsure"]
 
 HOLD_S = 0.1  # of a detection whose impact is not foreseen; the thesis saw a step 50 ms before the wheel met it
 
@@ -24,16 +24,39 @@ class Fault(enum.IntFlag):
     STOPPING = 64  # the program ends
 
 
-SAFE = Fault.RECORDER
+_WORDS = {
+    Fault.SENSOR_SILENT: "no sweeps",
+    Fault.SENSOR_LOST: "sensor lost",
+    Fault.NO_DATA: "no data",
+    Fault.WRONG_LENGTH: "sweeps of a wrong length",
+    Fault.LATE: "late",
+    Fault.RECORDER: "not recording",
+    Fault.STOPPING: "stopping",
+}
+
+
+def unsure(faults: Fault) -> bool:
+    """Whether the board is to be told of no step."""
+    return bool(faults & ~Fault.RECORDER)
+
+
+def names(faults: Fault) -> list[str]:
+    """For machines: those of `Fault`, in lower case."""
+    return [one.name.lower() for one in Fault if one in faults and one.name]
+
+
+def in_words(faults: Fault) -> str:
+    """For people."""
+    return ", ".join(words for fault, words in _WORDS.items() if fault in faults) or "all well"
 
 
 class Told(NamedTuple):
     """One period's message.
 
-    - `event`: whether a step is coming: from its detection until its impact.
+    - `event`: whether a step is coming: from its detection until its impact, or for as long as it is held.
     - `number`: of the detection, counted from 1; 0 before the first.
-    - `impact_in_s`: until a front wheel meets it, None where that is not known or nothing is coming.
-    - `height_m`: of the step, None where it is not known.
+    - `impact_in_s`: until a front wheel meets it, None where that is not known, is over, or nothing is coming.
+    - `height_m`: of the step, None where it is not known; no detector tells it yet.
     - `faults`: of `Fault`.
     """
 
@@ -69,7 +92,9 @@ class Alarm:
         """What the board is told at `time_ns`, on the clock of the detections."""
         if self._until_ns is not None and time_ns >= self._until_ns:
             self._until_ns = self._impact_ns = None
-        if self._until_ns is None or faults & ~SAFE:
+        if self._until_ns is None or unsure(faults):
             return Told(number=self._number, faults=faults)
-        left_s = None if self._impact_ns is None else max(self._impact_ns - time_ns, 0) / NANOSECONDS
+        # Of an impact that is over while the step is still held nothing is said: to a board 0 s are an end.
+        left_ns = 0 if self._impact_ns is None else self._impact_ns - time_ns
+        left_s = left_ns / NANOSECONDS if left_ns > 0 else None
         return Told(True, self._number, left_s, None, faults)

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from jaxradar.live.artefact import Header
-from jaxradar.live.board import Fault
+from jaxradar.live.board import Fault, in_words
 from jaxradar.live.detect import LiveDecision
 from jaxradar.live.printed import CLEAR
 from jaxradar.live.run import Listener, Moment
@@ -23,14 +23,6 @@ from jaxradar.units import NANOSECONDS
 __all__ = ["Display"]
 
 _EVERY_NS = NANOSECONDS // 5
-_WORDS = {
-    Fault.SENSOR_SILENT: "no sweeps",
-    Fault.SENSOR_LOST: "sensor lost",
-    Fault.NO_DATA: "no data",
-    Fault.WRONG_LENGTH: "sweeps of a wrong length",
-    Fault.LATE: "late",
-    Fault.RECORDER: "not recording",
-}
 
 
 class Display(Listener):
@@ -77,8 +69,7 @@ class Display(Listener):
     def line(self, time_s: float, rate_hz: float) -> str:
         """As it is shown where there is room."""
         last, header = self._last, self._header
-        wrong = [words for fault, words in _WORDS.items() if fault in self._faults]
-        parts = [f"{time_s:8.1f} s", ", ".join(wrong) or "all well"]
+        parts = [f"{time_s:8.1f} s", in_words(self._faults)]
         parts += [f"{self._events} detection{'' if self._events == 1 else 's'}"]
         if last is not None:
             parts += [

@@ -54,26 +54,44 @@ def add_live_options(parser: argparse.ArgumentParser, sources: Mapping[str, str]
     parser.add_argument("--json", action="store_true", help="detections, and at the end a summary, as JSON lines")
     parser.add_argument("--quiet", action="store_true", help="no display; where no terminal is, there is none anyway")
     parser.add_argument("--print-unit", action="store_true", help="print a systemd unit for this command, and end")
-    board = parser.add_argument_group("of a board that is told of steps")
+    board = parser.add_argument_group("a board that is told of steps")
     board.add_argument("--link", choices=WIRES, help="how it is talked to: the lab's single bytes, or frames")
     board.add_argument("--port", metavar="DEVICE", help=f"its serial line (default: {PORT})")
     board.add_argument(
-        "--rule", choices=RULES, help="what it is told: detections (the default), or the lab's nearness to 0.15 m"
+        "--rule",
+        choices=RULES,
+        help="what it is told: detections (the default), or an echo nearer than 0.15 m by the lab's rule, whose faults "
+        "are mended or as they were",
     )
-    board.add_argument("--hold", type=number(0.0, above=True), metavar="S", help="for so long (default: to the impact)")
     board.add_argument(
-        "--count", type=number(0.0, above=True), metavar="M/S2", help="a count of its acceleration, nucleo (default: 1)"
+        "--hold",
+        type=number(0.0, above=True),
+        metavar="S",
+        help="tell a detection for so long (default: to its impact)",
     )
-    disk = parser.add_argument_group("of what is kept")
+    board.add_argument(
+        "--count",
+        type=number(0.0, above=True),
+        metavar="M/S2",
+        help="what a count of the acceleration from it means, nucleo (default: 1)",
+    )
+    disk = parser.add_argument_group("what is kept")
     disk.add_argument("--record", metavar="DIR", help="all sweeps, as drives in this folder")
-    disk.add_argument("--rotate-mb", type=number(0.0, above=True), metavar="MB", help="the next after so much (1074)")
-    disk.add_argument("--rotate-min", type=number(0.0, above=True), metavar="MIN", help="and so many minutes (60)")
+    disk.add_argument(
+        "--rotate-mb",
+        type=number(0.0, above=True),
+        metavar="MB",
+        help="begin the next drive after so much (default: 1074)",
+    )
+    disk.add_argument(
+        "--rotate-min", type=number(0.0, above=True), metavar="MIN", help="or after so many minutes (default: 60)"
+    )
     disk.add_argument("--events", metavar="FILE", help="detections and faults, appended as JSON lines")
-    replay = parser.add_argument_group("of what was recorded or simulated")
+    replay = parser.add_argument_group("what was recorded or simulated")
     pace = replay.add_mutually_exclusive_group()
     pace.add_argument("--pace", type=number(0.0, above=True), metavar="X", help="X times as fast (default: 1)")
     pace.add_argument("--fast", action="store_true", help="as fast as it goes")
-    server = parser.add_argument_group("of a server")
+    server = parser.add_argument_group("a server")
     of_server = {  # each with its default, which `sources` takes where none is given
         "--from": (number(0.0), "M", f"nearest range in metres (default: {START_M:g})"),
         "--length": (number(0.0, above=True), "M", f"so many metres from there (default: {LENGTH_M:g})"),

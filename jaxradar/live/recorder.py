@@ -196,9 +196,7 @@ class Recorder:
             if path.exists():
                 continue
             try:
-                self._writer = DriveWriter(
-                    path, self._layouts, motion=self._motion, started_at_ns=began_ns, durable=False
-                )
+                self._writer = DriveWriter(path, self._layouts, motion=self._motion, started_at_ns=began_ns)
             except LogError as error:
                 if path.exists():  # another recorder was quicker
                     continue

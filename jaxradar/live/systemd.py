@@ -27,7 +27,7 @@ Restart=always
 RestartSec=1
 WatchdogSec=5
 TimeoutStopSec=15
-SuccessExitStatus=130 143
+SuccessExitStatus=129 130 143
 Nice=-10
 
 [Install]
@@ -73,9 +73,9 @@ class Notifier:
 
 
 def unit(command: Sequence[str], name: str) -> str:
-    """A systemd unit that runs a command in the folder of today, as soon as the machine is up and again when it fails,
-    however often: a sensor's server that is not up yet would else use up the five starts in ten seconds that
-    systemd.unit(5) allows by itself.
+    """A systemd unit that runs a command in the folder of today, as soon as the machine is up and again whenever it
+    ends: without a limit of starts, as a server may be up only minutes after this. SIGHUP, SIGINT and SIGTERM are
+    no failures.
 
     `%` and `$` stand for themselves, as systemd.service(5) asks for them to be written.
     """

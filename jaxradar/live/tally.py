@@ -21,7 +21,7 @@ class Durations:
     """The last `KEPT` of them, in memory that does not grow."""
 
     def __init__(self) -> None:
-        self._ns = np.zeros(KEPT, np.int64)
+        self._ns = np.full(KEPT, 0, np.int64)  # `zeros` is given its memory page by page, and a run would seem to leak
         self.count = 0
 
     def add(self, ns: int) -> None:

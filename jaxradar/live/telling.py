@@ -6,10 +6,9 @@ import time
 from collections.abc import Callable, Sequence
 
 from jaxradar.live.artefact import Header
-from jaxradar.live.board import Alarm, Fault, Told
+from jaxradar.live.board import Alarm, Fault, Told, unsure
 from jaxradar.live.detect import LiveDecision
 from jaxradar.live.link import Link
-from jaxradar.live.options import RULES
 from jaxradar.live.rules import DistanceRule
 from jaxradar.live.run import PERIOD_S, Listener, Moment
 from jaxradar.live.sweeps import LiveSweep, Source
@@ -22,8 +21,9 @@ __all__ = ["Telling"]
 class Telling(Listener):
     """Tells a board once every period: at the last sweep of each moment, and in time where none comes.
 
-    `rule`: of `options.RULES`. `accelerated`: hears of time and value of each acceleration that the board tells.
-    `say`: takes a sentence when the board goes, comes back, or says nothing.
+    `hold_s`: as of `Alarm`. `rule`: makes of the source what is told instead of detections. `accelerated`: hears of
+    time (ns, on the sweeps' clock) and value (m/s²) of each acceleration that the board tells. `say`: takes a sentence
+    when the board goes, comes back, or says nothing.
     """
 
     def __init__(
@@ -31,20 +31,20 @@ class Telling(Listener):
         port: str,
         wire: Wire,
         *,
-        rule: str = RULES[0],
+        rule: Callable[[Source], DistanceRule] | None = None,
         hold_s: float | None = None,
         accelerated: Callable[[int, float], None] = lambda time_ns, value: None,
         say: Callable[[str], None] = lambda sentence: None,
     ) -> None:
         self._say, self._state = say, "board there"
-        self._port, self._wire, self._rule_name = port, wire, rule
+        self._port, self._wire, self._rule_of = port, wire, rule
         self._alarm = Alarm(hold_s)
         self._accelerated = accelerated
         self._faults = Fault(0)
         self._took = Durations()  # from when a sweep came to when the board was told
         self._rule: DistanceRule | None = None
         self._link: Link | None = None
-        self._told = Told()
+        self._last = Told()  # that was said
 
     def state(self) -> str:
         """In two words, for people."""
@@ -52,15 +52,9 @@ class Telling(Listener):
             return "board away"
         return "board silent" if self._link.is_silent else "board there"
 
-    @property
-    def told(self) -> Told:
-        """What the board was told last."""
-        return self._told
-
     def begin(self, source: Source, header: Header, problems: Sequence[str]) -> None:
-        if self._rule_name != RULES[0]:
-            as_it_was = self._rule_name == RULES[2]
-            self._rule = DistanceRule(source.range_m, source.sensors[0], as_it_was=as_it_was)
+        if self._rule_of is not None:
+            self._rule = self._rule_of(source)
         self._link = Link(self._port, self._wire, source.period_s or PERIOD_S)
         self._link.open()
         self._look()
@@ -81,7 +75,7 @@ class Telling(Listener):
 
     def end(self, tally: Tally) -> None:
         assert self._link is not None
-        self._link.close(Told(number=self._told.number, faults=Fault.STOPPING))
+        self._link.close(self._last._replace(event=False, impact_in_s=None, faults=Fault.STOPPING))
         tally.more["board"] = self._link.counts._asdict() | {"told_after_us": self._took.record()}
 
     def _look(self) -> None:
@@ -100,8 +94,8 @@ class Telling(Listener):
         assert self._link is not None
         told = self._alarm.at(moment.time_ns, faults)
         if self._rule is not None:
-            told = told._replace(event=self._rule.near and not faults & ~Fault.RECORDER, impact_in_s=None)
-        self._told = told
+            told = told._replace(event=self._rule.near and not unsure(faults), impact_in_s=None)
+        self._last = told
         if self.state() != self._state:
             self._look()
         heard = self._link.exchange(told)

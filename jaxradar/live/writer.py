@@ -16,11 +16,13 @@ class Writer:
     """Writes lines in a thread of its own; where the reader stalls they are dropped and counted, not waited for.
 
     `stream`: of text. `direct`: write at once and wait, for who is in no hurry. What the stream raised is raised by the
-    next `say`.
+    next `say`; of a `lossy` writer it is not: lines that the stream does not take are lost, later ones are tried, and
+    `problem` says why, empty while lines are taken.
     """
 
-    def __init__(self, stream: Any, *, direct: bool = False) -> None:
-        self._stream = stream
+    def __init__(self, stream: Any, *, direct: bool = False, lossy: bool = False) -> None:
+        self._stream, self._lossy = stream, lossy
+        self.problem = ""
         self._queue: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._error: OSError | None = None
         self.dropped = 0
@@ -39,7 +41,7 @@ class Writer:
         if self._error is not None:
             raise self._error
         if self._thread is None:
-            print(text, file=self._stream, end=end, flush=True)
+            self._write(text + end)
         elif self._queue.qsize() >= MOST_WAITING:
             self.dropped += 1
         else:
@@ -58,15 +60,23 @@ class Writer:
     def _work(self) -> None:
         try:
             while (text := self._queue.get()) is not None:
-                self._stream.write(text)
-                if not self._queue.qsize():
-                    self._stream.flush()
-            self._stream.flush()
+                self._write(text, flush=not self._queue.qsize())
+            self._write("")
         except OSError as error:
             self._error = error
         except ValueError:  # closed meanwhile
-            with contextlib.suppress(Exception):
-                self._error = BrokenPipeError()
+            self._error = BrokenPipeError()
+
+    def _write(self, text: str, flush: bool = True) -> None:
+        try:
+            self._stream.write(text)
+            if flush:
+                self._stream.flush()
+                self.problem = ""
+        except OSError as error:
+            if not self._lossy:
+                raise
+            self.problem = error.strerror or str(error)
 
 
 def close_all(*writers: Writer) -> None:
