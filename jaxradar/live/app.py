@@ -138,7 +138,7 @@ def _rule(name: str | None) -> Callable[[Source], DistanceRule] | None:
         return None
     from jaxradar.live.rules import DistanceRule
 
-    return lambda source: DistanceRule(source.range_m, source.sensors[0], as_it_was=name == "distance-as-it-was")
+    return lambda source: DistanceRule(source.range_m, source.sensors[0], as_it_was=name == "distance")
 
 
 def detect_live(args: argparse.Namespace, source: Source, detector_of: Callable[[Source], LiveDetector]) -> int:

@@ -17,7 +17,7 @@ RUNTIME = "iree-base-runtime>=3.13,<3.14"  # what pip calls the runtime of compi
 
 # What the board and its line can be told to be; the modules that know them are imported where they are used.
 WIRES = ("nucleo", "framed")
-RULES = ("detector", "distance", "distance-as-it-was")
+RULES = ("detector", "distance", "distance-mended")
 PORT = "/dev/ttyACM0"
 _GO_WITH = {"link": ("port", "rule", "hold", "count"), "record": ("rotate_mb", "rotate_min")}
 _OF_REPLAY = {"--pace": "pace", "--fast": "fast"}
@@ -60,8 +60,8 @@ def add_live_options(parser: argparse.ArgumentParser, sources: Mapping[str, str]
     board.add_argument(
         "--rule",
         choices=RULES,
-        help="what it is told: detections (the default), or an echo nearer than 0.15 m by the lab's rule, whose faults "
-        "are mended or as they were",
+        help="what it is told: detections (the default), or an echo nearer than 0.15 m by the lab's rule, as it was or "
+        "with its faults mended",
     )
     board.add_argument(
         "--hold",
