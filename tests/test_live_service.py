@@ -163,7 +163,7 @@ def test_the_unit_runs_this_very_command(log: Path, tmp_path: Path) -> None:
     assert found.returncode == 0
     lines = found.stdout.splitlines()
     (line,) = [line for line in lines if line.startswith("ExecStart=")]
-    assert line.endswith("--record 'dir with blanks'")
+    assert line.endswith('--record "dir with blanks"')
     assert "--print-unit" not in line
     assert f"WorkingDirectory={tmp_path}" in lines
     assert "Type=notify" in lines

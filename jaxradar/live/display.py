@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -19,6 +20,7 @@ from jaxradar.units import NANOSECONDS
 __all__ = ["Display"]
 
 _EVERY_NS = NANOSECONDS // 5
+_GAP = "   "
 _WORDS = {
     Fault.SENSOR_SILENT: "no sweeps",
     Fault.SENSOR_LOST: "sensor lost",
@@ -67,11 +69,12 @@ class Display(Listener):
         seconds = max(now_ns - self._since_ns, 1) / NANOSECONDS
         rate = (self._sweeps - self._before) / seconds
         self._since_ns, self._before = now_ns, self._sweeps
-        self._writer.say(CLEAR + self.line(moment.time_ns / NANOSECONDS, rate), end="")
+        self._writer.say(CLEAR + self.line(moment.time_ns / NANOSECONDS, rate, _columns()), end="")
         self._faults = Fault(0)
 
-    def line(self, time_s: float, rate_hz: float) -> str:
-        """As it is shown."""
+    def line(self, time_s: float, rate_hz: float, columns: int = 0) -> str:
+        """As it is shown: the longest parts are left out where it does not fit so many `columns` (0: any number), for
+        what runs over into the next line is not written over. Time and faults stay."""
         last, header = self._last, self._header
         parts = [f"{time_s:8.1f} s"]
         if last is not None:
@@ -83,4 +86,16 @@ class Display(Listener):
         parts += [f"{rate_hz:.0f}/s", f"{self._events} detection{'' if self._events == 1 else 's'}"]
         parts += [one() for one in self._more]
         wrong = [words for fault, words in _WORDS.items() if fault in self._faults]
-        return "   ".join([*parts, ", ".join(wrong) or "all well"])
+        parts.append(", ".join(wrong) or "all well")
+        while columns and len(parts) > 2 and len(_GAP.join(parts)) >= columns:
+            parts.remove(max(parts[1:-1], key=len))
+        line = _GAP.join(parts)
+        return line[: columns - 1] if columns else line
+
+
+def _columns() -> int:
+    """Of the terminal; 0 where it does not say."""
+    try:
+        return os.get_terminal_size(sys.stderr.fileno()).columns
+    except (OSError, ValueError):
+        return 0

@@ -39,7 +39,8 @@ class Writer:
         if self._error is not None:
             raise self._error
         if self._thread is None:
-            print(text, file=self._stream, end=end, flush=True)
+            self._stream.write(text + end)
+            self._stream.flush()
         elif self._queue.qsize() >= MOST_WAITING:
             self.dropped += 1
         else:
