@@ -7,7 +7,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from jaxradar.cli._options import add_command
-from jaxradar.live.options import add_live_options
+from jaxradar.live.options import add_live_options, check_options
 from jaxradar.live.sources import ACCONEER, SourceKind, replayed, source_of
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ def _run(args: argparse.Namespace) -> int:
     from jaxradar.live.detect import LiveDetector
 
     if args.print_unit:
+        check_options(args)
         return print_unit([sys.executable, "-m", "jaxradar", "live"], sys.argv[2:])
     if is_artefact(args.detector) or args.detector.endswith(".pyz"):
         header, step = _compiled(args.detector)

@@ -19,7 +19,7 @@ from jaxradar._errors import ConfigError, JaxradarError
 from jaxradar._program import Parser, ended
 from jaxradar.live.artefact import Header, read_artefact
 from jaxradar.live.detect import LiveDetector
-from jaxradar.live.options import PORT, RULES, add_live_options
+from jaxradar.live.options import PORT, RULES, add_live_options, check_options
 from jaxradar.live.printed import CLEAR, InJson, InWords
 from jaxradar.live.program import Program
 from jaxradar.live.run import Listener, run
@@ -58,6 +58,7 @@ def _main(name: str, argv: Sequence[str] | None, own: str | None) -> int:
     parser.add_argument("--detector", metavar="FILE", help="another compiled detector (default: the one in this file)")
     args = parser.parse_args(argv)
     if args.print_unit:
+        check_options(args)
         return print_unit([sys.executable, str(Path(own or "step.pyz").resolve())], argv)
     file = args.detector or own
     if file is None:

@@ -15,14 +15,15 @@ MOST_WAITING = 1000  # lines
 class Writer:
     """Writes lines in a thread of its own; where the reader stalls they are dropped and counted, not waited for.
 
-    `stream`: of text. `direct`: write at once and wait, for who is in no hurry. What the stream raised is raised by the
-    next `say`.
+    `stream`: of text. `direct`: write at once and wait, for who is in no hurry. A reader that is gone is raised by the
+    next `say`; a disk that does not take what is said, which may be over soon, only by `close`.
     """
 
     def __init__(self, stream: Any, *, direct: bool = False) -> None:
         self._stream = stream
         self._queue: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._error: OSError | None = None
+        self._untaken: OSError | None = None
         self.dropped = 0
         self._thread: threading.Thread | None = None
         if not direct:
@@ -35,7 +36,7 @@ class Writer:
         return self._queue.qsize()
 
     def say(self, text: str, end: str = "\n") -> None:
-        """One line. Raises the `OSError` that an earlier one, or this, was answered with."""
+        """One line. Raises `BrokenPipeError` if nobody reads; if `direct`, whatever it was answered with."""
         if self._error is not None:
             raise self._error
         if self._thread is None:
@@ -47,21 +48,27 @@ class Writer:
             self._queue.put(text + end)
 
     def close(self, wait_s: float = 2.0) -> None:
-        """Let what waits go out; a reader that does not take it in `wait_s` is not waited for. Raises as `say`."""
+        """Let what waits go out; a reader that does not take it in `wait_s` is not waited for. Raises the `OSError`
+        that something was answered with."""
         if self._thread is not None:
             self._queue.put(None)
             self._thread.join(wait_s)
             self._thread = None
-        if self._error is not None:
-            error, self._error = self._error, None
+        error, self._error, self._untaken = self._error or self._untaken, None, None
+        if error is not None:
             raise error
 
     def _work(self) -> None:
         try:
             while (text := self._queue.get()) is not None:
-                self._stream.write(text)
-                if not self._queue.qsize():
-                    self._stream.flush()
+                try:
+                    self._stream.write(text)
+                    if not self._queue.qsize():
+                        self._stream.flush()
+                except BrokenPipeError:
+                    raise
+                except OSError as error:
+                    self._untaken = error
             self._stream.flush()
         except OSError as error:
             self._error = error
