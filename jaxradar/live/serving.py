@@ -20,7 +20,7 @@ from jaxradar.live.systemd import Notifier
 from jaxradar.live.tally import Tally
 from jaxradar.live.writer import Writer
 
-__all__ = ["EventLog", "Serving"]
+__all__ = ["EventLog", "Lines", "Serving"]
 
 
 class Serving(Listener):
