@@ -56,7 +56,7 @@ static inline uint16_t jaxradar_crc(const uint8_t *bytes, uint8_t count)
 {
     uint16_t crc = 0xFFFFu;
     for (uint8_t i = 0; i < count; i++) {
-        crc = (uint16_t)(crc ^ (bytes[i] << 8));
+        crc = (uint16_t)(crc ^ ((uint16_t)bytes[i] << 8));
         for (int bit = 0; bit < 8; bit++)
             crc = (uint16_t)((uint16_t)(crc << 1) ^ (crc & 0x8000u ? 0x1021u : 0u));
     }
@@ -65,7 +65,7 @@ static inline uint16_t jaxradar_crc(const uint8_t *bytes, uint8_t count)
 
 static inline uint16_t jaxradar_u16(const uint8_t *at)
 {
-    return (uint16_t)(at[0] | at[1] << 8);
+    return (uint16_t)(at[0] | (uint16_t)at[1] << 8); /* an int may have 16 bits */
 }
 
 static inline void jaxradar_put(uint8_t *at, uint16_t value)

@@ -19,6 +19,7 @@ from jaxradar.live.detect import LiveDecision, LiveDetector
 from jaxradar.live.feed import MOST_WAITING
 from jaxradar.live.run import Listener, Moment, run
 from jaxradar.live.sweeps import LiveSweep, Source
+from jaxradar.live.tally import Tally
 from jaxradar.live.telling import Telling
 from jaxradar.live.wires import Framed, Nucleo
 
@@ -269,3 +270,45 @@ def test_the_board_knows_when_the_recorder_fails_and_is_told_of_steps_all_the_sa
     assert [frame.event == 1 for frame in sent[detected:]] == [
         frame.faults == Fault.RECORDER for frame in sent[detected:]
     ]
+
+
+def test_the_board_is_safe_before_anything_else_is_waited_for(tmp_path: Path) -> None:
+    """A source that hangs and a disk that is slow may take the end of a run seconds."""
+
+    class Hanging(Sensor):
+        def __iter__(self) -> Iterator[LiveSweep]:
+            yield from super().__iter__()
+            time.sleep(1.5)
+
+    class SlowDisk(Listener):
+        def end(self, tally: Tally) -> None:
+            time.sleep(1.0)
+
+    class Ending(Listener):
+        def over(self) -> None:
+            ended.append(time.monotonic_ns())
+
+    ended: list[int] = []
+    rounds = iter(range(1000))
+    with Board(tmp_path / "board", "nucleo", tmp_path / "bytes") as board:
+        telling, sensor = Telling(str(tmp_path / "board"), Nucleo(), hold_s=1000.0), Hanging(1000, {})
+        with sensor:
+            run(sensor, LiveDetector(HEADER, Once()), [telling, SlowDisk(), Ending()], stop=lambda: next(rounds) >= 20)
+        took_s = (time.monotonic_ns() - ended[0]) / 1e9
+        heard = board.heard()
+        sent = board.bytes()
+    assert sent[-2:] == b"\x01\x00"
+    assert took_s > 2.0
+    assert (heard[-1][0] - ended[0]) / 1e9 < 1.0
+
+
+def test_a_source_that_fails_unforeseen_when_it_is_opened_again_ends_the_run() -> None:
+    class Odd(Sensor):
+        def open(self) -> None:
+            super().open()
+            if self._opened > 1:
+                raise RuntimeError("an odd answer")
+
+    sensor, begun_s = Odd(40, {3: fail}), time.monotonic()
+    with sensor, pytest.raises(SourceError, match="odd answer"):
+        run(sensor, LiveDetector(HEADER, Once()), [], again=True, stop=lambda: time.monotonic() > begun_s + 10)

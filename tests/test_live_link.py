@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import termios
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -155,10 +156,34 @@ def test_closing_does_not_wait(place: Path) -> None:
             assert time.monotonic() - begin < 1.0
 
 
-def test_what_is_no_serial_line_says_so(tmp_path: Path) -> None:
+def test_a_board_that_goes_while_its_line_is_set_up_is_found_again(
+    place: Path, link: Link, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """pyserial passes `termios.error` on, which is no `OSError`."""
+    inner, failures = termios.tcflush, [termios.error(5, "Input/output error")]
+
+    def flush(descriptor: int, queue: int) -> None:
+        if failures:
+            raise failures.pop()
+        inner(descriptor, queue)
+
+    monkeypatch.setattr(termios, "tcflush", flush)
+    with Board(place, "nucleo"):
+        link.open(wait_s=0.2)
+        until(lambda: link.is_open)
+    assert not failures
+
+
+def test_what_is_no_line_or_another_program_s_is_named(place: Path, link: Link, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    for name, why in (("file", "no serial line"), (".", "Is a directory")):
-        link = Link(str(tmp_path / name), Nucleo(), PERIOD_S)
+    for name, why in (("file", "it is no serial line"), ("", "Is a directory")):
+        other = Link(str(tmp_path / name), Nucleo(), PERIOD_S)
+        other.open()
+        assert f"cannot be opened ({why})" in other.problem
+        other.close()
+    with Board(place, "nucleo"):
         link.open()
-        link.close()
-        assert link.problem == f"{tmp_path / name}: cannot be opened ({why})"
+        second = Link(str(place), Nucleo(), PERIOD_S)
+        second.open()
+        assert "cannot be opened (another program has it)" in second.problem
+        second.close()

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
+from io import FileIO
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +22,7 @@ from board import until
 from jaxradar._errors import ConfigError
 from jaxradar.drive import Drive
 from jaxradar.drivefile import is_drive_folder, read_drive
+from jaxradar.drivefile import writer as writing
 from jaxradar.live import recorder as recording
 from jaxradar.live.recorder import Recorder
 from jaxradar.live.sweeps import LiveSweep
@@ -224,3 +229,59 @@ def test_killed_at_any_moment_every_whole_sweep_before_it_is_there(tmp_path: Pat
         assert cut in ([], found[-1:])
         told += len(cut)
     assert told > 0 or kills < 100  # some were cut in the middle of a sweep, and say where
+
+
+def test_a_folder_that_goes_and_comes_back_is_written_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of a stick that is pulled: nothing in it can be written, cut or sealed."""
+    monkeypatch.setattr(recording, "RETRY_S", 0.05)
+    inner, seal, away = writing._write_all, writing.write_header, threading.Event()
+
+    def refused(*_: object, **__: object) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    def write(file: FileIO, content: memoryview) -> None:
+        if away.is_set():
+            raise OSError(errno.EIO, "Input/output error")
+        inner(file, content)
+
+    monkeypatch.setattr(writing, "_write_all", write)
+    made = recorder(tmp_path / "stick")
+    for place in range(10):
+        made.take(sweep(place))
+    until(lambda: made.recorded.sweeps == 10)
+    away.set()
+    monkeypatch.setattr(writing, "write_header", refused)
+    shutil.rmtree(tmp_path / "stick")
+    for place in range(10, 20):
+        made.take(sweep(place))
+    until(lambda: made.recorded.dropped == 10)
+    assert "Input/output error" in made.recorded.problem
+    away.clear()
+    monkeypatch.setattr(writing, "write_header", seal)
+    time.sleep(0.1)
+    made.take(sweep(20))
+    until(lambda: made.recorded.sweeps == 11)
+    made.close()
+    assert made.recorded == (11, 10, 2, "")
+    assert drives(tmp_path / "stick")[0].sensors[0].sweeps[:, 0].tolist() == [20]
+
+
+def test_a_failure_that_nobody_foresaw_is_told_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recording, "RETRY_S", 0.05)
+    inner, failures = recording.DriveWriter.append, [RuntimeError("odd")]
+
+    def append(self: recording.DriveWriter, *given: object) -> None:
+        if failures:
+            raise failures.pop()
+        inner(self, *given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(recording.DriveWriter, "append", append)
+    made = recorder(tmp_path)
+    made.take(sweep(0))
+    until(lambda: made.recorded.dropped == 1)
+    assert "odd" in made.recorded.problem
+    time.sleep(0.1)
+    made.take(sweep(1))
+    until(lambda: made.recorded.sweeps == 1)
+    made.close()
+    assert made.recorded == (1, 1, 2, "")

@@ -156,7 +156,7 @@ def test_a_signal_leaves_a_safe_board_and_a_sealed_record(number: signal.Signals
     (record,) = (tmp_path / "records").iterdir()
     drive = read_drive(record)
     assert drive.problems == ()
-    assert len(drive.sensors[0]) >= 20  # of the 30 bytes some were of periods without a sweep
+    assert len(drive.sensors[0]) >= 15  # a busy machine has bytes without a sweep among those 30
 
 
 def test_the_unit_runs_this_very_command(log: Path, tmp_path: Path) -> None:
@@ -164,7 +164,7 @@ def test_the_unit_runs_this_very_command(log: Path, tmp_path: Path) -> None:
     assert found.returncode == 0
     lines = found.stdout.splitlines()
     (line,) = [line for line in lines if line.startswith("ExecStart=")]
-    assert line.endswith("--record 'dir with blanks'")
+    assert line.endswith('--record "dir with blanks"')
     assert "--print-unit" not in line
     assert f"WorkingDirectory={tmp_path}" in lines
     assert "Type=notify" in lines
@@ -191,6 +191,8 @@ def test_the_unit_is_one_that_systemd_takes(log: Path, tmp_path: Path) -> None:
         (["--rotate-mb", "3"], "--rotate-mb goes with --record"),
         (["--link", "framed", "--count", "2"], "--count goes with --link nucleo"),
         (["--link", "nucleo", "--rule", "distance", "--hold", "1"], "--hold is of detections"),
+        (["--print-unit", "--rotate-mb", "3"], "--rotate-mb goes with --record"),
+        (["--record", ""], "--record is empty"),
         (["--record", "/proc/nowhere"], "/proc/nowhere: cannot be made a folder for drives"),
         (["--events", "/proc/nowhere/log"], "/proc/nowhere/log: cannot be written"),
     ],
@@ -227,3 +229,17 @@ def test_the_lab_s_rule_byte_for_byte(rule: str, tmp_path: Path) -> None:
         sent = board.bytes()
     assert found.returncode == 0, found.stderr
     assert sent == wanted + b"\x00"
+
+
+def test_an_output_on_a_full_disk_is_told_at_the_end_and_the_board_all_the_while(log: Path, tmp_path: Path) -> None:
+    with Board(tmp_path / "board", "nucleo", tmp_path / "bytes") as board, Path("/dev/full").open("w") as full:
+        options = ["--link", "nucleo", "--port", str(tmp_path / "board"), "--events", "/dev/full"]
+        found = subprocess.run(
+            command(log, *options), stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=60
+        )
+        time.sleep(0.2)
+        sent = board.bytes()
+    assert found.returncode == 1
+    assert len(sent) > len(read_drive(log).sensors[0])
+    assert "lines of the event log were not taken by the disk" in found.stderr
+    assert "standard output: No space left on device" in found.stderr

@@ -133,3 +133,23 @@ def test_any_fault_but_the_recorder_s_is_safe(faults: Fault) -> None:
     assert told.faults == faults
     assert told.event == (faults in (Fault(0), Fault.RECORDER))
     assert alarm.at(2, Fault(0)).event  # it goes on when the fault is over, until the impact
+
+
+def test_a_recording_s_clock_that_is_set_back_ends_what_was_told() -> None:
+    """By more than a second: then the end of it may be hours away."""
+    alarm = Alarm()
+    alarm.detected(3600 * NANOSECONDS, 0.1)
+    assert alarm.at(3600 * NANOSECONDS - MS, Fault(0)).event  # sensors of one moment are not of one time
+    assert not alarm.at(0, Fault(0)).event
+    alarm.detected(7200 * NANOSECONDS, 0.1)
+    alarm.detected(0, 0.1)
+    assert alarm.at(99 * MS, Fault(0)).event
+    assert not alarm.at(100 * MS, Fault(0)).event
+
+
+def test_an_impact_that_is_no_number_is_not_known() -> None:
+    for impact_in_s in (float("inf"), float("nan")):
+        alarm = Alarm()
+        alarm.detected(0, impact_in_s)
+        assert alarm.at(0, Fault(0)) == Told(True, 1)
+        assert not alarm.at(round(HOLD_S * NANOSECONDS), Fault(0)).event

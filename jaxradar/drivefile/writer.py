@@ -128,6 +128,7 @@ class DriveWriter:
 
     def _open(self, folder: Path, header: dict[str, Any], durable: bool) -> None:
         self._durable = durable
+        self._ends: LogError | None = None
         self._folder = folder
         self._header = header
         self._columns = columns_of(header)
@@ -219,13 +220,19 @@ class DriveWriter:
         contents = [
             (name, part.reshape(-1).view(np.uint8).data) for (name, _), part in zip(column.parts, items, strict=True)
         ]
+        if self._ends is not None:
+            raise self._ends
         try:
             for name, content in contents:
                 _write_all(self._files[name], content)
         except OSError as error:
-            for name, _ in contents:
-                os.truncate(self._folder / name, self._written[name][0])
-            raise LogError(self._folder, f"cannot be written: {error.strerror}.") from error
+            failed = LogError(self._folder, f"cannot be written: {error.strerror}.")
+            try:
+                for name, _ in contents:
+                    os.truncate(self._folder / name, self._written[name][0])
+            except OSError:
+                self._ends = failed  # what came behind the rest of this call would not be found
+            raise failed from error
         for name, content in contents:
             size, crc = self._written[name]
             self._written[name] = size + len(content), zlib.crc32(content, crc)

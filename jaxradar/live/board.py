@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from typing import NamedTuple
 
 from jaxradar.units import NANOSECONDS
@@ -75,14 +76,18 @@ class Alarm:
 
     def __init__(self, hold_s: float | None = None) -> None:
         self._hold_s = hold_s
+        self._since_ns = 0
         self._until_ns: int | None = None
         self._impact_ns: int | None = None
         self._number = 0
 
     def detected(self, time_ns: int, impact_in_s: float) -> None:
         """A detection at `time_ns`; an `impact_in_s` of 0 is not known."""
-        foreseen = impact_in_s > 0
+        foreseen = 0 < impact_in_s < math.inf
         lasts_s = self._hold_s if self._hold_s is not None else impact_in_s if foreseen else HOLD_S
+        if self._was_reset(time_ns):
+            self._until_ns = None
+        self._since_ns = time_ns
         until_ns = time_ns + round(lasts_s * NANOSECONDS)
         self._until_ns = max(until_ns, self._until_ns or until_ns)
         self._impact_ns = time_ns + round(impact_in_s * NANOSECONDS) if foreseen else None
@@ -90,7 +95,7 @@ class Alarm:
 
     def at(self, time_ns: int, faults: Fault) -> Told:
         """What the board is told at `time_ns`, on the clock of the detections."""
-        if self._until_ns is not None and time_ns >= self._until_ns:
+        if self._until_ns is not None and (self._was_reset(time_ns) or time_ns >= self._until_ns):
             self._until_ns = self._impact_ns = None
         if self._until_ns is None or unsure(faults):
             return Told(number=self._number, faults=faults)
@@ -98,3 +103,7 @@ class Alarm:
         left_ns = 0 if self._impact_ns is None else self._impact_ns - time_ns
         left_s = left_ns / NANOSECONDS if left_ns > 0 else None
         return Told(True, self._number, left_s, None, faults)
+
+    def _was_reset(self, time_ns: int) -> bool:
+        """Whether a recording's clock was set back since the last detection: its end may then be hours away."""
+        return time_ns < self._since_ns - NANOSECONDS

@@ -1,7 +1,4 @@
-"""What is going on, in one line of a terminal that is written over, five times a second.
-
-The line is cut to the terminal's width, for one that wraps cannot be written over; what must not be cut comes first.
-"""
+"""What is going on, in one line of a terminal that is written over, five times a second."""
 
 from __future__ import annotations
 
@@ -23,11 +20,12 @@ from jaxradar.units import NANOSECONDS
 __all__ = ["Display"]
 
 _EVERY_NS = NANOSECONDS // 5
+_GAP = "   "
 
 
 class Display(Listener):
-    """Time, faults since the last line, detections, range, speed, statistic over threshold, sweeps a second, and what
-    others have to tell (`more`, a few words each)."""
+    """Time, range, speed, statistic over threshold, sweeps a second, detections, what others have to tell (`more`, a
+    few words each), faults of the last moment that was shown and of those since."""
 
     def __init__(self, more: Sequence[Callable[[], str]] = ()) -> None:
         self._more = more
@@ -63,26 +61,32 @@ class Display(Listener):
         seconds = max(now_ns - self._since_ns, 1) / NANOSECONDS
         rate = (self._sweeps - self._before) / seconds
         self._since_ns, self._before = now_ns, self._sweeps
-        self._writer.say(CLEAR + self.line(moment.time_ns / NANOSECONDS, rate)[: _width()], end="")
+        self._writer.say(CLEAR + self.line(moment.time_ns / NANOSECONDS, rate, _columns()), end="")
         self._faults = Fault(0)
 
-    def line(self, time_s: float, rate_hz: float) -> str:
-        """As it is shown where there is room."""
+    def line(self, time_s: float, rate_hz: float, columns: int = 0) -> str:
+        """As it is shown: the longest parts are left out where it does not fit so many `columns` (0: any number), for
+        what runs over into the next line is not written over. Time and faults stay."""
         last, header = self._last, self._header
-        parts = [f"{time_s:8.1f} s", in_words(self._faults)]
-        parts += [f"{self._events} detection{'' if self._events == 1 else 's'}"]
+        parts = [f"{time_s:8.1f} s"]
         if last is not None:
             parts += [
                 f"{last.range_m:.3f} m",
                 f"{last.speed_m_s:+5.1f} m/s",
                 f"{header.statistic_name} {last.statistic:.3g} of {header.threshold:.3g}",
             ]
-        return "   ".join([*parts, f"{rate_hz:.0f}/s", *(one() for one in self._more)])
+        parts += [f"{rate_hz:.0f}/s", f"{self._events} detection{'' if self._events == 1 else 's'}"]
+        parts += [one() for one in self._more]
+        parts.append(in_words(self._faults))
+        while columns and len(parts) > 2 and len(_GAP.join(parts)) >= columns:
+            parts.remove(max(parts[1:-1], key=len))
+        line = _GAP.join(parts)
+        return line[: columns - 1] if columns else line
 
 
-def _width() -> int | None:
-    """Columns of the terminal but the last, in which some wrap already; None if it does not say."""
+def _columns() -> int:
+    """Of the terminal; 0 where it does not say."""
     try:
-        return max(os.get_terminal_size(sys.stderr.fileno()).columns - 1, 0) or None
+        return os.get_terminal_size(sys.stderr.fileno()).columns
     except (OSError, ValueError):
-        return None
+        return 0

@@ -101,11 +101,14 @@ class Feed:
             except JaxradarError as error:
                 return self._end(error)
             except Exception as error:
-                return self._end(SourceError(f"the source fails ({type(error).__name__}: {error!s:.200})."))
-            while not self._opened():
-                if self._closing.wait(wait_s):
-                    return self._end(None)
-                wait_s = min(2.0 * wait_s, LONGEST_WAIT_S)
+                return self._end(_unforeseen(error))
+            try:
+                while not self._opened():
+                    if self._closing.wait(wait_s):
+                        return self._end(None)
+                    wait_s = min(2.0 * wait_s, LONGEST_WAIT_S)
+            except Exception as error:
+                return self._end(_unforeseen(error))
             if not np.array_equal(self._source.range_m, self._axis):
                 return self._end(ConfigError("the source came back with another range axis; start again."))
 
@@ -136,6 +139,10 @@ class Feed:
 
     def _end(self, error: JaxradarError | None) -> None:
         self._queue.put(Ended(error))
+
+
+def _unforeseen(error: Exception) -> SourceError:
+    return SourceError(f"the source fails ({type(error).__name__}: {error!s:.200}).")
 
 
 class Direct:

@@ -166,7 +166,7 @@ class Link:
                 return
             try:
                 line = serial.Serial(self._port, BAUD, timeout=0, write_timeout=0, exclusive=True)
-            except (OSError, ValueError) as error:  # pyserial's own are both
+            except (OSError, ValueError, termios.error) as error:  # pyserial's own are the first two
                 self.problem = f"{self._port}: cannot be opened ({_reason(error)})"
                 self._ended.wait(wait_s)
                 wait_s = min(2.0 * wait_s, LONGEST_WAIT_S)
@@ -208,11 +208,12 @@ def _flush(line: Any, which: int) -> None:
 
 
 def _reason(error: Exception) -> str:
-    number = getattr(error, "errno", None)
-    if number is None and isinstance(error.__context__, termios.error):  # what pyserial does not pass on
-        number = error.__context__.args[0]
+    below = error.__context__ if isinstance(error.__context__, termios.error) else error  # what pyserial puts in words
+    number = below.args[0] if isinstance(below, termios.error) else getattr(error, "errno", None)
+    if number == errno.EWOULDBLOCK:
+        return "another program has it"
     if number == errno.ENOTTY:
-        return "no serial line"
+        return "it is no serial line"
     return os.strerror(number) if number else f"{error!s:.100}"
 
 

@@ -108,6 +108,9 @@ def check_options(args: argparse.Namespace) -> None:
         for name in names:
             if getattr(args, name) is not None and getattr(args, option) is None:
                 raise ConfigError(f"--{name.replace('_', '-')} goes with --{option}, which is not there.")
+    for name in ("port", "record", "events"):
+        if getattr(args, name) == "":
+            raise ConfigError(f"--{name} is empty; expected a name.")
     if args.count is not None and args.link != "nucleo":
         raise ConfigError("--count goes with --link nucleo; frames have a unit of their own.")
     if args.hold is not None and args.rule not in (None, "detector"):

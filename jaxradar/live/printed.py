@@ -124,4 +124,8 @@ def _recorded(found: Mapping[str, Any]) -> str:
     return f"{found['sweeps']} sweeps recorded{lost}{why}"
 
 
-_MORE = {"board": _board, "recorded": _recorded}
+def _events(found: Mapping[str, Any]) -> str:
+    return f"{found['lost']} lines of the event log were not taken by the disk"
+
+
+_MORE = {"board": _board, "recorded": _recorded, "events": _events}

@@ -141,9 +141,15 @@ class Recorder:
         while not ended:
             self._woken.wait(_LATEST_S)
             self._woken.clear()
+            before = self._sweeps + self._lost
             ended = self._ended  # before the queue is looked at: what came before the end is written
-            self._write([self._queue.popleft() for _ in range(len(self._queue))])
-            self._keep()
+            items = [self._queue.popleft() for _ in range(len(self._queue))]
+            try:
+                self._write(items)
+                self._keep()
+            except Exception as error:  # this thread is not to end before the run: a disk fails in more ways than known
+                self._lost += sum(isinstance(one, LiveSweep) for one in items) - (self._sweeps + self._lost - before)
+                self._failed(LogError(self._folder, f"cannot be written: {error!s:.200}."))
         self._seal()
 
     def _write(self, items: Sequence[LiveSweep | _Sample]) -> None:
@@ -231,5 +237,5 @@ class Recorder:
     def _seal(self) -> None:
         writer, self._writer = self._writer, None
         if writer is not None:
-            with contextlib.suppress(LogError):
+            with contextlib.suppress(LogError, OSError):
                 writer.close()

@@ -39,6 +39,7 @@ class Recording(Listener):
         self._options = {name: value for name, value in given.items() if value is not None}
         self.recorder: Recorder | None = None
         self._dropped, self._until_s, self._problem = 0, 0.0, ""
+        self._heard = False
 
     @property
     def fault(self) -> Fault:  # type: ignore[override]
@@ -73,12 +74,13 @@ class Recording(Listener):
         self.recorder.take(live)
 
     def hear(self, live: LiveSweep, decision: LiveDecision, moment: Moment) -> None:
+        self._heard = True
         if live.last and self.recorder is not None:
             self.recorder.wake()
 
     def accelerated(self, time_ns: int, value: float) -> None:
-        """A board has told its vertical acceleration in m/s²."""
-        if self.recorder is not None:
+        """A board has told its vertical acceleration in m/s². Before the first sweep the sweeps have no clock."""
+        if self.recorder is not None and self._heard:
             self.recorder.take_acceleration(time_ns, value)
 
     def end(self, tally: Tally) -> None:

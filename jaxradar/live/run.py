@@ -61,6 +61,10 @@ class Listener:
     def lost(self, why: str) -> None:
         """The source has failed, and is being opened again."""
 
+    def over(self) -> None:
+        """The loop has ended, well or not: heard by all that began before the source, a disk or a reader of the output
+        is waited for."""
+
     def end(self, tally: Tally) -> None:
         """After the last sweep, also where an error ended the run. Called once for each `begin` that returned."""
 
@@ -103,6 +107,8 @@ def run(
         feed = Direct(source, came) if direct else Feed(source, came, again=again)
         ends.callback(count_losses)  # before the listeners hear of the end
         ends.callback(feed.close)
+        for listener in listeners:
+            ends.callback(listener.over)
         period_ns = round((source.period_s or PERIOD_S) * NANOSECONDS)
         _loop(feed, detector, listeners, tally, period_ns, lambda: tally.sweeps == most or stop())
     return tally

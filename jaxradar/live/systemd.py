@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-import shlex
+import re
 import socket
 import time
 from collections.abc import Callable, Sequence
@@ -33,6 +33,7 @@ Nice=-10
 [Install]
 WantedBy=multi-user.target
 """
+_ESCAPED = {"\\": "\\\\", '"': '\\"', "\n": "\\n", "\t": "\\t", "\r": "\\r"}
 
 
 class Notifier:
@@ -79,5 +80,14 @@ def unit(command: Sequence[str], name: str) -> str:
 
     `%` and `$` stand for themselves, as systemd.service(5) asks for them to be written.
     """
-    words = " ".join(shlex.quote(word) for word in command).replace("%", "%%").replace("$", "$$")
-    return _UNIT.format(name=name, command=words, folder=str(Path.cwd()).replace("%", "%%"))
+    words = " ".join(map(_quoted, command)).replace("%", "%%").replace("$", "$$")
+    return _UNIT.format(name=name.replace("%", "%%"), command=words, folder=str(Path.cwd()).replace("%", "%%"))
+
+
+def _quoted(word: str) -> str:
+    """As systemd.syntax(7) has it, which is not a shell's: quotes stand around whole words alone, and a backslash
+    counts within them too."""
+    if re.fullmatch(r"[\w@%+=:,./$-]+", word, re.ASCII):
+        return word
+    inner = "".join(_ESCAPED.get(sign, sign) for sign in word)
+    return f'"{inner}"'

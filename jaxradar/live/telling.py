@@ -73,9 +73,14 @@ class Telling(Listener):
     def idle(self, moment: Moment) -> None:
         self._tell(moment, moment.faults)
 
-    def end(self, tally: Tally) -> None:
+    def over(self) -> None:
+        """The board is the first to know."""
         assert self._link is not None
         self._link.close(self._last._replace(event=False, impact_in_s=None, faults=Fault.STOPPING))
+
+    def end(self, tally: Tally) -> None:
+        assert self._link is not None
+        self._link.close()  # where the loop did not even begin
         tally.more["board"] = self._link.counts._asdict() | {"told_after_us": self._took.record()}
 
     def _look(self) -> None:

@@ -15,16 +15,17 @@ MOST_WAITING = 1000  # lines
 class Writer:
     """Writes lines in a thread of its own; where the reader stalls they are dropped and counted, not waited for.
 
-    `stream`: of text. `direct`: write at once and wait, for who is in no hurry. What the stream raised is raised by the
-    next `say`; of a `lossy` writer it is not: lines that the stream does not take are lost, later ones are tried, and
-    `problem` says why, empty while lines are taken.
+    `stream`: of text. `direct`: write at once and wait, for who is in no hurry. A reader that is gone is raised by the
+    next `say`. A disk that does not take a line loses it, which may be over soon: later ones are tried, `problem` says
+    why, empty while lines are taken, and `close` raises it.
     """
 
-    def __init__(self, stream: Any, *, direct: bool = False, lossy: bool = False) -> None:
-        self._stream, self._lossy = stream, lossy
+    def __init__(self, stream: Any, *, direct: bool = False) -> None:
+        self._stream = stream
         self.problem = ""
         self._queue: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._error: OSError | None = None
+        self._untaken: OSError | None = None
         self.dropped = 0
         self._thread: threading.Thread | None = None
         if not direct:
@@ -37,7 +38,7 @@ class Writer:
         return self._queue.qsize()
 
     def say(self, text: str, end: str = "\n") -> None:
-        """One line. Raises the `OSError` that an earlier one, or this, was answered with."""
+        """One line. Raises `BrokenPipeError` if nobody reads."""
         if self._error is not None:
             raise self._error
         if self._thread is None:
@@ -48,13 +49,14 @@ class Writer:
             self._queue.put(text + end)
 
     def close(self, wait_s: float = 2.0) -> None:
-        """Let what waits go out; a reader that does not take it in `wait_s` is not waited for. Raises as `say`."""
+        """Let what waits go out; a reader that does not take it in `wait_s` is not waited for. Raises the `OSError`
+        that something was answered with."""
         if self._thread is not None:
             self._queue.put(None)
             self._thread.join(wait_s)
             self._thread = None
-        if self._error is not None:
-            error, self._error = self._error, None
+        error, self._error, self._untaken = self._error or self._untaken, None, None
+        if error is not None:
             raise error
 
     def _work(self) -> None:
@@ -72,11 +74,11 @@ class Writer:
             self._stream.write(text)
             if flush:
                 self._stream.flush()
-                self.problem = ""
+            self.problem = ""
+        except BrokenPipeError:
+            raise
         except OSError as error:
-            if not self._lossy:
-                raise
-            self.problem = error.strerror or str(error)
+            self._untaken, self.problem = error, error.strerror or str(error)
 
 
 def close_all(*writers: Writer) -> None:
