@@ -95,10 +95,10 @@ def test_a_late_consumer_gets_what_is_due_and_delays_nothing() -> None:
 
 
 def test_times_that_go_back_are_due_at_once_and_a_clock_set_anew_counts_on() -> None:
-    with Replay(Drive((series(1, [0, 50, 50, 20, 60]),))) as replay:
+    with Replay(Drive((series(1, [0, 50, 50, 20, 1050]),))) as replay:
         came = taken(replay)
-    assert came[4] >= 60
-    assert came[3] < 60
+    assert came[4] >= 1050
+    assert came[3] < 1050  # at once; the machine may be busy
     with Replay(Drive((series(1, [0, 5000, 0, 50, 100]),)), pace=50.0) as replay:
         came = taken(replay)
     assert came[1] >= 100
